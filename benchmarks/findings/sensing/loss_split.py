@@ -1,9 +1,10 @@
 """What a predictor loses where the network senses all vehicles at once, split into its causes.
 
-The same records are known in six ways: by the truth, sensed alone (`single`), and as points and as bodies, each with
-true association and with the network's own tracks. Records that one of these lost are left out of all. With each, two
-predictors are trained and tested in folds over the scenario seeds, and answer at fixed window ends. Accuracy is given
-by window end and by origin, with 95 % jackknife intervals over the seeds, and paired differences to the truth.
+The same records are known in eight ways: by the truth, sensed alone (`single`), as points and as bodies, each with
+true association and with the network's own tracks, and as bodies' tracks with fewer instants a second. Records that
+one of these lost are left out of all. With each, two predictors are trained and tested in folds over the scenario
+seeds, and answer at fixed window ends. Accuracy is given by window end and by origin, with 95 % jackknife intervals
+over the seeds, and paired differences to the truth.
 
 Each way and seed is a stage of minutes, which is kept in FOLDER; so are the answers, as counts, in FOLDER/split.json.
 The same command goes on where it was interrupted.
@@ -59,7 +60,7 @@ SCENES: Mapping[str, Mapping[str, str]] = {
     f"{bodies}, {association}": {"bodies": bodies, "association": association}
     for bodies in ("points", "bodies")
     for association in ("truth", "tracks")
-}
+} | {f"bodies, {hz} Hz": {"bodies": "bodies", "fixes_hz": hz} for hz in ("12.5", "5")}
 TRUTH, SINGLE = "truth", "single"
 PARTS = {"position": [0, 1], "velocity": [2, 3], "acceleration": [4, 5]}
 """Components of the state."""
@@ -230,7 +231,7 @@ def table(answers: Mapping[str, Mapping[str, Counts]]) -> Iterable[str]:
 
 
 def _slug(way: str) -> str:
-    return way.replace(", ", "-")
+    return way.replace(", ", "-").replace(" ", "-")
 
 
 def _only(records: Records, ids: set[str]) -> Records:

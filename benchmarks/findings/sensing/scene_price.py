@@ -4,9 +4,10 @@ The same seeds of the bundled motorway are sensed as points and as bodies, with 
 own tracks, and with fewer instants, less power and masts every 500 m. Each case and seed is a stage, whose
 scores are kept in a file of JSON: the same command goes on where it was interrupted. Differences are paired by seed.
 
-With the name of a PNG file, GOSPA is drawn against what is spent.
+With the name of a PNG file, GOSPA is drawn against what is spent. With a `split.json` of `loss_split`, so are the right
+answers that trees give just after onset.
 
-Run: python -m isac_cosim.benchmarks.findings.sensing.scene_price FILE [FIRST:LAST] [SECONDS] [PNG] [CASE ...]
+Run: python -m isac_cosim.benchmarks.findings.sensing.scene_price FILE [FIRST:LAST] [SECONDS] [PNG] [JSON] [CASE ...]
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
+from isac_cosim.benchmarks.findings.sensing.loss_split import ENDS, SCENES, TRUTH, Counts, accuracy
 from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD, scored
 from isac_cosim.benchmarks.findings.sensing.sensing_figures import COLOURS, plain
 from isac_cosim.evaluation.report.figures import figure
@@ -44,7 +46,7 @@ SYMBOLS_PER_S = 28_000
 class Case:
     """One way to sense. scene: settings. sites_of: the scenario whose sites sense."""
 
-    scene: dict[str, str] = field(default_factory=dict)
+    scene: Mapping[str, str] = field(default_factory=dict)
     sites_of: str = ROAD
 
     @property
@@ -70,7 +72,7 @@ CASES = {
     "points": Case(POINTS),
     "bodies, truth": Case({**BODIES, "association": "truth"}),
     "bodies": Case(BODIES),
-    **{f"bodies, {hz} Hz": Case({**BODIES, "fixes_hz": hz}) for hz in ("12.5", "5")},
+    **{name: Case(SCENES[name]) for name in ("bodies, 12.5 Hz", "bodies, 5 Hz")},
     **{f"bodies, {dbm} dBm": Case({**BODIES, "power_dbm": dbm}) for dbm in ("36", "26")},
     "bodies, masts every 500 m": Case(BODIES, "motorway_sparse"),
 }
@@ -80,8 +82,11 @@ HEAD = (
     "case", "share of symbols", "Mbit/s that they would carry", "rms, m", "missed, %", "false, %", "switches a km",
     "IDF1", "GOSPA a vehicle, m", "less than bodies by, m",
 )  # fmt: skip
+FEWER = ("bodies, 5 Hz", "bodies, 12.5 Hz")
+"""The cases with fewer instants a second, the fewest first."""
+SHARE, JUST_AFTER = "share of symbols, %", "0 to 0.5 s"
 SPENT: Mapping[str, Mapping[str, float]] = {
-    "share of symbols, %": {name: 100 * CASES[name].share for name in ("bodies, 5 Hz", "bodies, 12.5 Hz", BASE)},
+    SHARE: {name: 100 * CASES[name].share for name in (*FEWER, BASE)},
     "power, dBm": {name: CASES[name].power_dbm for name in ("bodies, 26 dBm", "bodies, 36 dBm", BASE)},
     "distance of masts, m": {BASE: 150.0, "bodies, masts every 500 m": 500.0},
 }
@@ -130,10 +135,50 @@ def rows(scores_of: Mapping[str, Sequence[SceneScores]]) -> list[list[str]]:
     return result
 
 
-def draw(scores_of: Mapping[str, Sequence[SceneScores]], drawn: Figure) -> None:
-    """Draw the price of knowing: GOSPA a vehicle against what is spent, a point for each seed, a line for means."""
+def answered(answers: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[float, float]]:
+    """Return the right answers of trees in the half second after onset, % and half the interval, by case.
+
+    answers: those of `loss_split`. The case "" is the truth, without an interval; the others' are of what they lose.
+    """
+    counts: dict[str, Counts] = {
+        name: answers[f"trees; {way}"]["counts"]
+        for name, way in {"": TRUTH, BASE: "bodies, tracks", **{name: name for name in FEWER}}.items()
+        if f"trees; {way}" in answers
+    }
+    if lacking := sorted({"", BASE, *FEWER} - set(counts)):
+        raise InputError(f"no answers by {', '.join(name or TRUTH for name in lacking)}; give them to loss_split")
+    just_after = np.isin([row[1] for row in counts[""]], ENDS[JUST_AFTER])
+    result = {"": (100 * accuracy(counts[""], just_after)[0], 0.0)}
+    for name in (BASE, *FEWER):
+        lost, half = accuracy(counts[name], just_after, counts[""])
+        result[name] = result[""][0] + 100 * lost, 100 * half
+    return result
+
+
+def draw(
+    scores_of: Mapping[str, Sequence[SceneScores]],
+    drawn: Figure,
+    answers: Mapping[str, tuple[float, float]] | None = None,
+) -> None:
+    """Draw the price of knowing: GOSPA a vehicle against what is spent, a point for each seed, a line for means.
+
+    answers: as `answered` gives them; drawn against the share of symbols.
+    """
     reference = {"bodies, truth": "true association", "points": "points"}
-    for axes, (label, spent) in zip(drawn.subplots(1, len(SPENT), sharey=True), SPENT.items(), strict=True):
+    panels = drawn.subplots(1, len(SPENT) + bool(answers))
+    if answers:
+        share = [100 * CASES[name].share for name in (*FEWER, BASE)]
+        right, half = np.transpose([answers[name] for name in (*FEWER, BASE)])
+        panels[-1].errorbar(share, right, half, color=COLOURS[0], marker="o", markersize=4, capsize=3, label="bodies")
+        panels[-1].axhline(answers[""][0], color=COLOURS[3], linestyle="--", linewidth=1, label="true motion")
+        panels[-1].set_xlabel(SHARE)
+        panels[-1].set_ylabel("right answers in the half second after onset, %")
+        panels[-1].legend(frameon=False, fontsize=8)
+        plain(panels[-1])
+    for axes in panels[1 : len(SPENT)]:
+        axes.sharey(panels[0])
+        axes.tick_params(labelleft=False)
+    for axes, (label, spent) in zip(panels[: len(SPENT)], SPENT.items(), strict=True):
         for colour, (name, title) in zip(COLOURS[1:], reference.items(), strict=False):
             level = np.mean([of_a_vehicle_m(one) for one in scores_of[name]])
             axes.axhline(level, color=colour, linestyle="--", linewidth=1, label=title)
@@ -161,7 +206,8 @@ def main() -> None:
     seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 40.0
     rest = sys.argv[4:]
     pictures = [Path(name) for name in rest if name.endswith(".png")]
-    names = [name for name in rest if not name.endswith(".png")] or list(CASES)
+    answers = [Path(name) for name in rest if name.endswith(".json")]
+    names = [name for name in rest if not name.endswith((".png", ".json"))] or list(CASES)
     if pictures and (lacking := sorted(set(CASES) - set(names))):
         raise InputError(
             f"{pictures[0]}: the figure shows all cases; add {', '.join(lacking)}, or leave out the others"
@@ -184,9 +230,10 @@ def main() -> None:
         for name in names
     }
     print(markdown(HEAD, rows(scores_of)))
+    right = answered(json.loads(answers[0].read_text(encoding="utf-8"))) if answers else None
     for picture in pictures:
-        with figure(picture, 9, 3.4, style={}, dpi=130) as drawn:
-            draw(scores_of, drawn)
+        with figure(picture, 12 if right else 9, 3.4, style={}, dpi=130) as drawn:
+            draw(scores_of, drawn, right)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping
 
 from isac_cosim.base.parsing import number_range
 from isac_cosim.isacsim.scene.episode import follow
@@ -29,7 +30,7 @@ ROAD = "motorway"
 def scored(
     seed: int,
     seconds: float,
-    scene: dict[str, str],
+    scene: Mapping[str, str],
     sites_of: str = ROAD,
     road: str = ROAD,
     after_s: float = SETTLED_S,

@@ -5,11 +5,21 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.benchmarks.findings.sensing import scene_price
-from isac_cosim.benchmarks.findings.sensing.scene_price import CASES, SPENT, carried_mbps, main, of_a_vehicle_m, rows
+from isac_cosim.benchmarks.findings.sensing.scene_price import (
+    CASES,
+    FEWER,
+    SPENT,
+    answered,
+    carried_mbps,
+    main,
+    of_a_vehicle_m,
+    rows,
+)
 from isac_cosim.isacsim.scene.scores import SceneScores
 
 
@@ -39,6 +49,28 @@ def test_differences_are_paired_by_seed() -> None:
     assert second[-2:] == ["1.200", "0.300 (0.200 to 0.400)"]
 
 
+def answers() -> dict[str, object]:
+    """Of 10 windows just after onset of either seed, 8 are right by the truth, 7 and 5 with 25 instants a second."""
+    right = {"truth": (8, 8), "bodies, tracks": (7, 5), **dict.fromkeys(FEWER, (4, 4))}
+    return {
+        f"trees; {way}": {
+            "counts": [[f"road-{k}", end, "natural", 10, n] for k, n in enumerate(of) for end in (0.0, 2.0)]
+        }
+        for way, of in right.items()
+    }
+
+
+def test_right_answers_are_less_by_what_is_lost() -> None:
+    of_case = answered(answers())  # type: ignore[arg-type]
+    assert of_case[""] == (80.0, 0.0)
+    value, half = of_case["bodies"]
+    assert value == pytest.approx(60.0)
+    assert half == pytest.approx(100 * 12.7062 * 0.1 * np.sqrt(2) / np.sqrt(2), rel=1e-4)  # Student's t of two seeds
+    assert {of_case[name][0] for name in FEWER} == {40.0}
+    with pytest.raises(InputError, match="no answers by bodies, 5 Hz"):
+        answered({way: of for way, of in answers().items() if "5 Hz" not in way or "12.5" in way})  # type: ignore[misc]
+
+
 def test_the_command_draws_what_it_has_and_senses_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -49,7 +81,9 @@ def test_the_command_draws_what_it_has_and_senses_nothing_twice(
         return scores(5.0 + seed), 1.0
 
     monkeypatch.setattr(scene_price, "scored", scored)
-    command = ["scene_price", str(tmp_path / "cases.json"), "1:2", "40", str(tmp_path / "price.png")]
+    (tmp_path / "split.json").write_text(json.dumps(answers()))
+    command = ["scene_price", *(str(tmp_path / name) for name in ("cases.json", "price.png", "split.json"))]
+    command[2:2] = ["1:2", "40"]
     monkeypatch.setattr("sys.argv", command)
     for _ in range(2):
         main()
