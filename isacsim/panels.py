@@ -67,7 +67,8 @@ class Panels:
         dx, dy, distance = self.sight(state[:, 0, None], state[:, 1, None])
         sine = (self.right[..., 0] * dx + self.right[..., 1] * dy) / distance
         radial = (dx * state[:, 2, None] + dy * state[:, 3, None]) / distance
-        return np.stack([sine, distance, radial], axis=-1)
+        # Each quantity in one piece of memory: loops along the instants are faster than loops over three numbers.
+        return np.moveaxis(np.stack([sine, distance, radial]), 0, -1)
 
     def sight(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """Horizontal offsets dx, dy from panel to vehicle and the slant range, m. x, y: of the vehicle, m."""

@@ -18,7 +18,9 @@ def cell_bound(snr: Array, waveform: Waveform) -> Array:
     snr: per-element SNR, linear, shape (...). Returns the standard deviation in cells, shape (..., 3).
     """
     counts = np.array(waveform.shape, dtype=np.float64)
-    radians = np.sqrt(6 / (np.asarray(snr)[..., None] * waveform.size * (counts**2 - 1)))
+    # Each axis in one piece of memory, as in `Panels.measured`.
+    variance = np.multiply.outer(counts**2 - 1, np.asarray(snr) * waveform.size)
+    radians = np.moveaxis(np.sqrt(6 / variance), 0, -1)
     return np.asarray(radians * counts / (2 * np.pi))
 
 

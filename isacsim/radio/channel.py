@@ -138,7 +138,7 @@ def cross_section_dbsm(link: LinkBudget, geometry: EchoGeometry, key: tuple[str 
 
     The mean follows the aspect from instant to instant; the random part is drawn once for each site.
     """
-    numbers = np.unique(geometry.site)
+    numbers = np.flatnonzero(np.bincount(geometry.site.ravel()))
     draw = np.zeros(int(numbers.max()) + 1)
     draw[numbers] = [stream(*key, "cross-section", int(k)).standard_normal() for k in numbers]
     random = random_mean_db(link.cross_section_sd_db) + link.cross_section_sd_db * draw[geometry.site]

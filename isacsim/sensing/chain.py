@@ -133,9 +133,10 @@ def fix(
     if n_sites < LEAST_SITES:
         return _unseen(motion.shape[1], n_sites)
     heading, time_s = _heading_rad(motion, approach.carried), approach.time_s(rate_hz)
-    geometry = EchoGeometry(motion[:2].T, heading, *serving(slots, sites), time_s)
+    number, panels = serving(slots, sites)
+    geometry = EchoGeometry(motion[:2].T, heading, number, panels, time_s)
     level = snr_db(settings.channel, settings.waveform, geometry, blockers, key)
-    fixes, used = fused(motion[:4].T, slots, sites, level, settings, key)
+    fixes, used = fused(motion[:4].T, slots, panels, level, settings, key)
     fixes = filled(fixes)
     if fixes.valid[: approach.run_in + 1].mean() < CONFIRMED:
         return _unseen(motion.shape[1], 0)
@@ -145,7 +146,7 @@ def fix(
 def fused(
     states: Array,
     slots: IntArray,
-    sites: Panels,
+    panels: Panels,
     level_db: Array,
     settings: SensingSettings,
     key: tuple[str | int, ...],
@@ -153,9 +154,9 @@ def fused(
     """Draw the echoes of S snapshots at I panels, estimate from them, and fuse the estimates that are used.
 
     states: true x, y, vx, vy, (S, 4). slots, level_db: the number of each echo's site, -1 without one, and its SNR, dB,
-    (S, I). key: seeds the draws. Returns the fixes, and which echoes they rest on, (S, I).
+    (S, I). panels: of the echoes, as `serving` gives them, (S, I). key: seeds the draws. Returns the fixes, and which
+    echoes they rest on, (S, I).
     """
-    _, panels = serving(slots, sites)
     measured, deviation, power = _measure(panels.measured(states), level_db, settings, key)
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
     used = (slots >= 0) & (power > threshold) & plausible(measured, settings.view)
@@ -229,13 +230,14 @@ def assign(position: Array, rate_hz: float, panels: Panels, settings: ViewSettin
     _, mast = np.unique(np.round(np.stack([panels.x, panels.y], axis=1)), axis=0, return_inverse=True)
     # Both panels of a mast are equally far: the one that faces the vehicle more squarely comes first.
     order = np.lexsort((-ahead, np.round(distance, 3)), axis=1)
-    in_view = np.take_along_axis(seen, order, axis=1)
-    mast_of = mast.tolist()
+    unseen = len(panels.x)
+    rank = np.empty_like(order)
+    np.put_along_axis(rank, order, np.arange(unseen)[None], axis=1)
+    by_mast = np.argsort(mast, kind="stable")
+    first_of_mast = np.flatnonzero(np.diff(mast[by_mast], prepend=-1))
+    ranks_of_masts = np.minimum.reduceat(np.where(seen, rank, unseen)[:, by_mast], first_of_mast, axis=1)
+    best = np.sort(ranks_of_masts, axis=1)[:, : settings.sites]
     chosen = np.full((len(at), settings.sites), -1)
-    for row in range(len(at)):
-        nearest: dict[int, int] = {}
-        for k in order[row, in_view[row]].tolist():
-            nearest.setdefault(mast_of[k], k)
-        best = list(nearest.values())[: settings.sites]
-        chosen[row, : len(best)] = best
+    nearest = np.take_along_axis(order, np.minimum(best, unseen - 1), axis=1)
+    chosen[:, : best.shape[1]] = np.where(best < unseen, nearest, -1)
     return np.repeat(chosen, hold, axis=0)[: len(position)]

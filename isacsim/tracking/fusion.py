@@ -75,10 +75,15 @@ def fuse(measured: Array, deviation: Array, used: BoolArray, panels: Panels, set
     weight = np.where(used[..., None], deviation, np.inf) ** -2.0
     state = np.zeros((len(measured), 4))
     state[:, :2] = _first_position(measured, weight, used, panels)
-    information, gradient = _normal_equations(state, measured, weight, panels, settings)
+    # A weight for each number of the Jacobian: a product with three weights for twelve numbers is slower.
+    spread = np.repeat(weight.reshape(len(state), -1), 4, axis=1).reshape(len(state), -1, 4)
+    idle = weight.sum(axis=(1, 2)) == 0
     for _ in range(settings.steps):
+        predicted = panels.measured(state)
+        information, weighted = _information(state, predicted, spread, idle, panels, settings)
+        gradient = _gradient(state, measured - predicted, weighted, settings)
         state = state + np.linalg.solve(information, gradient[..., None])[..., 0]
-        information, gradient = _normal_equations(state, measured, weight, panels, settings)
+    information, _ = _information(state, panels.measured(state), spread, idle, panels, settings)
     return sound_fixes(state, np.asarray(np.linalg.inv(information)), np.asarray(used.any(axis=1)))
 
 
@@ -156,20 +161,26 @@ def jacobian(state: Array, predicted: Array, panels: Panels) -> Array:
     return rows
 
 
-def _normal_equations(
-    state: Array, measured: Array, weight: Array, panels: Panels, settings: FusionOptions
+def _information(
+    state: Array, predicted: Array, weight: Array, idle: BoolArray, panels: Panels, settings: FusionOptions
 ) -> tuple[Array, Array]:
-    """Fisher information (S, 4, 4) and gradient (S, 4) of the log-likelihood (with the velocity prior) at a state."""
-    predicted = panels.measured(state)
+    """Fisher information about a state with the velocity's prior, (S, 4, 4), and the weighted Jacobian, (S, 4, 3 I).
+
+    weight: of each number of the Jacobian, (S, 3 I, 4). idle: instants without an echo, (S,).
+    """
     rows = jacobian(state, predicted, panels).reshape(len(state), -1, 4)
-    weighted = (rows * weight.reshape(len(state), -1, 1)).transpose(0, 2, 1)
+    weighted = (rows * weight).transpose(0, 2, 1)
     information = weighted @ rows
-    gradient = (weighted @ (measured - predicted).reshape(len(state), -1, 1))[..., 0]
     prior = settings.speed_prior_mps**-2
     information[:, 2, 2] += prior
     information[:, 3, 3] += prior
-    gradient[:, 2:] -= prior * state[:, 2:]
     # Without an echo there is no information about the position: keep the matrix regular, the caller drops the fix.
-    idle = weight.sum(axis=(1, 2)) == 0
     information[idle, :2, :2] += np.eye(2)
-    return information, gradient
+    return information, weighted
+
+
+def _gradient(state: Array, residual: Array, weighted: Array, settings: FusionOptions) -> Array:
+    """Gradient of the log-likelihood with the velocity's prior at a state, (S, 4). residual: (S, I, 3)."""
+    gradient = (weighted @ residual.reshape(len(state), -1, 1))[..., 0]
+    gradient[:, 2:] -= settings.speed_prior_mps**-2 * state[:, 2:]
+    return np.asarray(gradient)

@@ -29,6 +29,8 @@ SEARCH_FLOOR = 0.01
 Half-way between cells a search cell keeps 0.81 of the power along an axis, so at -20 dB the peak is at least 228 times
 the noise, and noise exceeds it with a probability below 1e-20 a snapshot.
 """
+AT_ONCE = 8192
+"""Most echoes whose likelihoods are climbed at once: what the steps read and write fits into a processor's cache."""
 
 
 class MaximumLikelihood:
@@ -66,6 +68,17 @@ def maximum_likelihood(moments: Moments, waveform: Waveform) -> tuple[Array, Arr
     Fisher scoring on |s(t)|^2, s the matched filter at the scaled offset t, t_i <- t_i + Re(s* ds/dt_i) / |s|^2:
     the step Im(s'/s) 12/(N^2-1) in scaled units. Started at the truth, it ends where scoring on the full echo ends.
     """
+    count = len(moments.amplitude)
+    offset, power = np.empty((3, count)), np.empty(count)
+    for begin in range(0, count, AT_ONCE):
+        piece = slice(begin, begin + AT_ONCE)
+        part = Moments(moments.amplitude[piece], moments.noise[:, piece])
+        offset[:, piece], power[piece] = _climbed(part, waveform)
+    return offset.T, power
+
+
+def _climbed(moments: Moments, waveform: Waveform) -> tuple[Array, Array]:
+    """Climb as `maximum_likelihood` does, from few snapshots: offset from the true cells, (3, B), and power, (B,)."""
     # All factors are real: real and imaginary parts of their own take less than half the time of complex numbers.
     noise = np.stack([moments.noise.real, moments.noise.imag], axis=1)
     value = noise[0]
@@ -80,7 +93,7 @@ def maximum_likelihood(moments: Moments, waveform: Waveform) -> tuple[Array, Arr
         # A deep fade of the matched filter would throw the iteration out of the main lobe.
         scaled = np.clip(scaled + step, -1.5, 1.5)
     cells_per_scaled = np.array([n / (2 * np.pi * spread(n)) for n in waveform.shape])
-    return (scaled * cells_per_scaled[:, None]).T, power
+    return scaled * cells_per_scaled[:, None], power
 
 
 def _matched_filter(scaled: Array, value: Array, noise: Array, fourth: Array) -> tuple[Array, Array]:

@@ -78,7 +78,8 @@ class SitePicture(FixPicture):
         states = np.concatenate([motions[name][:4].T for name in slots])
         level = np.concatenate([self._level_db(piece, name, motions[name], of) for name, of in slots.items()])
         together, key = np.concatenate(list(slots.values())), ("live", self.traffic.scenario, self.traffic.seed, now)
-        fixes, _ = fused(states, together, self._panels, level, self._settings, key)
+        _, panels = serving(together, self._panels)
+        fixes, _ = fused(states, together, panels, level, self._settings, key)
         return {name: fixes.part(slice(k * length, (k + 1) * length)) for k, name in enumerate(slots)}
 
     def _slots(self, motion: Array) -> IntArray:

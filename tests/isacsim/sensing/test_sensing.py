@@ -140,6 +140,30 @@ def test_a_panel_sees_only_what_is_before_it_and_a_mast_serves_once() -> None:
     assert sites == [[1, 2, -1, -1], [0, -1, -1, -1], [-1, -1, -1, -1], [1, -1, -1, -1]]
 
 
+def plain_choice(place: np.ndarray, panels: Panels, view: ViewSettings) -> list[int]:
+    """The nearest panels that see a place, one on each mast; of two as far, the one that faces it more squarely."""
+    dx, dy, distance = panels.sight(*place)
+    ahead = dx * panels.front[:, 0] + dy * panels.front[:, 1]
+    wide = np.hypot(dx, dy) * np.cos(np.radians(view.half_width_deg))
+    seen = np.flatnonzero((distance <= view.range_m) & (ahead >= wide))
+    nearest: dict[tuple[float, float], int] = {}
+    for k in sorted(seen, key=lambda k: (round(distance[k], 3), -ahead[k])):
+        nearest.setdefault((panels.x[k], panels.y[k]), int(k))
+    chosen = list(nearest.values())[: view.sites]
+    return chosen + [-1] * (view.sites - len(chosen))
+
+
+@pytest.mark.parametrize("sites", [1, 4, 8])
+def test_sites_are_the_nearest_of_each_mast(sites: int) -> None:
+    rng = np.random.default_rng(sites)
+    masts = rng.uniform(0, 600, (9, 2))
+    panels = Panels.of([Site(f"s{k}", *masts[k % 9], 10.0 + 5 * (k % 2), rng.uniform(0, 360)) for k in range(24)], 0.8)
+    position, view = rng.uniform(-300, 900, (200, 2)), ViewSettings(sites=sites, hold_s=1 / RATE_HZ)
+    chosen = assign(position, RATE_HZ, panels, view)
+    assert (chosen < 0).any()
+    assert chosen.tolist() == [plain_choice(place, panels, view) for place in position]
+
+
 def test_sites_change_over_as_the_vehicle_drives_on() -> None:
     truth = drive(2000, 0.0, 0.0, 40.0)
     slots = assign(truth[:2].T, RATE_HZ, Panels.of(SITES, 0.8), ViewSettings())
