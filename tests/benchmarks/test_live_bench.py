@@ -16,6 +16,8 @@ def test_it_says_how_much_faster_than_real_time(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(isac_cosim.benchmarks.live, "ROUNDS", 1)
     result = benchmarks.run("live")
     assert result["real_time_factor"] > 0
+    assert result["real_time_factor_causal"] > 0
     assert 2 <= result["panels"] <= 4
-    assert set(result["ms_per_vehicle_second"]) == {"sensing_and_tracking", "cutting_windows", "boosted_trees", "rule"}
+    parts = {"sensing_and_tracking", "cutting_windows", "boosted_trees", "causal_network", "rule"}
+    assert set(result["ms_per_vehicle_second"]) == parts
     assert all(milliseconds > 0 for milliseconds in result["ms_per_vehicle_second"].values())
