@@ -150,40 +150,52 @@ def _signal(
     """Return the sum of the points' responses in pairs of a Doppler and a range cell, (n, P). cells: (Q, 3)."""
     waveform, tapers = grid.waveform, grid.tapers
     count, ranges, antennas = grid.shape
-    along = responses(0, ranges, cells[:, 1], waveform.subcarriers, tapers.range)
+    along = responses(0, ranges, cells[:, 1], waveform.subcarriers, tapers.range).T.astype(np.float32)
     # A tone beyond half the axis is seen as if it came from the other side.
-    shift = responses(-(count // 2), count, cells[:, 2], count, tapers.doppler)
-    angle = responses(-(antennas // 2), antennas, cells[:, 0], antennas, tapers.angle).T
+    shift = responses(-(count // 2), count, cells[:, 2], count, tapers.doppler).T.astype(np.float32)
+    angle = responses(-(antennas // 2), antennas, cells[:, 0], antennas, tapers.angle)
     weighted = (np.sqrt(waveform.size) * amplitude[:, None] * angle).astype(np.complex64)
     separate = np.ascontiguousarray(weighted).view(np.float32)
-    both = shift.astype(np.float32).take(at_doppler, axis=0)
-    both *= along.astype(np.float32).take(at_range, axis=0)
+    both = shift.take(at_doppler, axis=0)
+    both *= along.take(at_range, axis=0)
     return np.asarray((both @ separate).view(np.complex64))
 
 
 def responses(first: int, cells: int, place: Array, count: int, taper: tuple[float, float]) -> Array:
-    """Return the responses of so many tapered cells, from the first one on, to tones at Q places, (cells, Q).
+    """Return the responses of so many tapered cells, from the first one on, to tones at Q places, (Q, cells).
 
     Equal to `kernel`, by the sine of a difference: a tone's cell is a whole number, so that its sines are known.
     """
     whole = np.rint(place).astype(np.int64)
-    rest = place - whole
+    rest = (place - whole)[:, None]
     # Where a tone is in the middle of its cell, the response is a limit, which is equal to rounding so near to it.
     rest = np.where(np.abs(rest) < 1e-9, 1e-9, rest)
-    sine, cosine, sign = _turns(count)
-    apart = (np.arange(first - 1, first + cells + 1)[:, None] - whole) % (2 * count)
-    below = sine[apart] * np.cos(np.pi * rest / count) - cosine[apart] * np.sin(np.pi * rest / count)
-    plain = sign[apart] * (-np.sin(np.pi * rest) / count) / below
-    return np.asarray(taper[0] * plain[1:-1] + taper[1] * (plain[:-2] + plain[2:]))
+    begin = (first - 1 - whole) % (2 * count)
+    sine, cosine, sign = (of[begin] for of in _turns(count, cells + 2))
+    sine *= np.cos(np.pi * rest / count)
+    cosine *= np.sin(np.pi * rest / count)
+    sine -= cosine
+    sign *= np.sin(np.pi * rest) / -count
+    sign /= sine
+    beside = sign[:, :-2] + sign[:, 2:]
+    beside *= taper[1]
+    beside += taper[0] * sign[:, 1:-1]
+    return beside
 
 
 @lru_cache(maxsize=8)
-def _turns(count: int) -> tuple[Array, Array, Array]:
-    """Return the sine and cosine of the first 2 count whole multiples of pi / count, and the sign of pi times them."""
-    whole = np.arange(2 * count)
+def _turns(count: int, length: int) -> tuple[Array, Array, Array]:
+    """Return the sine and cosine of `length` whole multiples of pi / count, and the sign of pi times them.
+
+    Each is a view, (2 count, length), by the first multiple.
+    """
+    whole = np.arange(2 * count + length - 1)
     sine, cosine = np.sin(np.pi * whole / count), np.cos(np.pi * whole / count)
-    sine[[0, count]] = 0.0
-    return sine, cosine, np.where(whole % 2, -1.0, 1.0)
+    sine[::count] = 0.0
+    sine, cosine, sign = (
+        np.lib.stride_tricks.sliding_window_view(of, length) for of in (sine, cosine, np.where(whole % 2, -1.0, 1.0))
+    )
+    return sine, cosine, sign
 
 
 def _noise(
@@ -200,35 +212,35 @@ def _noise(
     rim[:, :-1] |= column[:, 1:]
     # Real and imaginary parts side by side, because weights are real.
     white = rng.standard_normal((int(rim.sum()), 2 * antennas), np.float32)
-    white *= np.float32(np.sqrt(0.5))
-    t0, t1 = map(np.float32, grid.tapers.angle)
-    turn = np.float32(-1.0 if antennas % 2 == 0 else 1.0)
-    beside = t1 * white
-    tapered = t0 * white
-    tapered[:, 2:] += beside[:, :-2]
-    tapered[:, :-2] += beside[:, 2:]
-    tapered[:, :2] += turn * beside[:, -2:]
-    tapered[:, -2:] += turn * beside[:, :2]
     number = np.zeros(wanted.shape, np.int64)
-    number[rim] = np.arange(len(tapered))
+    number[rim] = np.arange(len(white))
     t0, t1 = map(np.float32, grid.tapers.range)
     # Cells of one Doppler shift follow one another, so that neighbours along the range are the rows beside a column.
     middle = number[column]
-    beside = tapered.take(middle - 1, axis=0)
-    beside += tapered.take(middle + 1, axis=0)
+    beside = white.take(middle - 1, axis=0)
+    beside += white.take(middle + 1, axis=0)
     beside *= t1
-    tapered = tapered.take(middle, axis=0)
+    tapered = white.take(middle, axis=0)
     tapered *= t0
     tapered += beside
     number[column] = np.arange(len(tapered))
     t0, t1 = map(np.float32, grid.tapers.doppler)
     doppler, at_range = rows
-    turn = np.float32(-1.0 if count % 2 == 0 else 1.0)
     total = tapered.take(number[rows], axis=0)
     total *= t0
     for step in (-1, 1):
-        beside = tapered.take(number[(doppler + step) % count, at_range], axis=0)
+        neighbour = doppler + step
+        beside = tapered.take(number[neighbour % count, at_range], axis=0)
         beside *= t1
-        beside[(doppler + step < 0) | (doppler + step >= count)] *= turn
+        if count % 2 == 0:
+            beside[(neighbour < 0) | (neighbour >= count)] *= np.float32(-1.0)
         total += beside
+    t0, t1 = (np.float32(np.sqrt(0.5) * weight) for weight in grid.tapers.angle)
+    beside = t1 * total
+    total *= t0
+    total[:, 2:] += beside[:, :-2]
+    total[:, :-2] += beside[:, 2:]
+    turn = np.float32(-1.0 if antennas % 2 == 0 else 1.0)
+    total[:, :2] += turn * beside[:, -2:]
+    total[:, -2:] += turn * beside[:, :2]
     return np.asarray(total.view(np.complex64))

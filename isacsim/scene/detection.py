@@ -25,8 +25,10 @@ SIDELOBE_FLOOR_DB = -75.0
 """Lowest level that sidelobes are taken for, dB below their peak."""
 REACH = 0.6
 """Farthest place of a peak from its cell's middle, cells."""
-_NEIGHBOURS = sorted((step for step in product((-1, 0, 1), repeat=3) if any(step)), key=lambda step: np.abs(step).sum())
-"""Steps to the cells around a cell, the nearest first, which rule out most."""
+_AROUND = np.array([step for step in product((-1, 0, 1), repeat=3) if any(step)])
+"""Steps to the cells around a cell, (26, 3)."""
+_BESIDE = np.stack([-np.eye(3, dtype=np.int64), np.eye(3, dtype=np.int64)])
+"""Steps to the lower and the upper neighbour along each axis, (2, 3, 3)."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ class _Axis:
     """One axis of a lone point's peak. count: cells.
 
     log_ratio: of the upper to the lower neighbour's magnitude, against `place`, cells. slope: cells per unit of it.
-    correlation: of the two neighbours' noise. sidelobe_db: highest level so many cells off the peak, (count,).
+    correlation: of the two neighbours' noise. sidelobe: highest power so many cells off the
+    peak, whose own is 1, (count,).
     """
 
     count: int
@@ -84,7 +87,7 @@ class _Axis:
     log_ratio: Array
     slope: Array
     correlation: float
-    sidelobe_db: Array
+    sidelobe: Array
 
 
 def threshold(grid: CellGrid, false_alarm: float) -> float:
@@ -144,10 +147,13 @@ def _peaks(drawn: DrawnCells, grid: CellGrid, level: float) -> tuple[IntArray, A
     here = power[angle, row]
     place = np.stack([drawn.doppler[row], drawn.range[row], angle], axis=1)
     highest = (place[:, 1] > 0) & (place[:, 1] < ranges - 1)
-    for shift, reach, turn in _NEIGHBOURS:
+    # Of the others, the neighbours along the Doppler shift rule out most.
+    for around in (_BESIDE[:, 0], _AROUND):
         place, here = place[highest], here[highest]
-        other = drawn.place[(place[:, 0] + shift) % count, place[:, 1] + reach]
-        highest = (other < 0) | (here >= power[(place[:, 2] + turn) % antennas, other])
+        near = place[:, None] + around
+        other = drawn.place[near[..., 0] % count, near[..., 1]]
+        lower = (other < 0) | (here[:, None] >= power[near[..., 2] % antennas, other])
+        highest = lower.all(axis=1)
     return place[highest], here[highest].astype(np.float64)
 
 
@@ -168,34 +174,32 @@ def _above_sidelobes(place: IntArray, power: Array, grid: CellGrid, known: Known
 
 def _reached(place: IntArray, peak: IntArray, power: Array, grid: CellGrid) -> Array:
     """Return the power that peaks have in places at most, (K, N). place: (K, 3). peak, power: of N, (N, 3), (N,)."""
-    level_db = np.zeros((len(place), len(peak)))
+    level = np.ones((len(place), len(peak)))
     for axis, of in enumerate(_axes(grid)):
         apart = np.abs(place[:, None, axis] - peak[:, axis])
         if axis != 1:
             apart = np.minimum(apart, of.count - apart)
-        level_db += of.sidelobe_db[apart]
-    return np.asarray(power * 10 ** (np.maximum(level_db, SIDELOBE_FLOOR_DB) / 10))
+        level *= of.sidelobe[apart]
+    return np.asarray(power * np.maximum(level, 10 ** (SIDELOBE_FLOOR_DB / 10)))
 
 
 def _between_cells(drawn: DrawnCells, place: IntArray, grid: CellGrid) -> tuple[Array, Array]:
     """Return where peaks are, in cells of angle, range and Doppler, and the deviation by noise, cells, both (K, 3)."""
-    cells, deviation = np.empty((len(place), 3)), np.empty((len(place), 3))
-    sizes = grid.shape
-    for axis, of in enumerate(_axes(grid)):
-        beside = []
-        for step in (-1, 1):
-            doppler, at_range, angle = (place[:, k] + (step if k == axis else 0) for k in range(3))
-            row = drawn.place[doppler % sizes[0], at_range]
-            value = np.where(row >= 0, _power(drawn.values[row, angle % sizes[2]]), 0.0)
-            beside.append(np.maximum(value.astype(np.float64) / grid.tapers.noise, 1e-3))
-        low, high = beside
-        log_ratio = np.log(high / low) / 2
-        offset = np.interp(log_ratio, of.log_ratio, of.place)
-        spread = (1 / low + 1 / high - 2 * of.correlation / np.sqrt(low * high)) / 2
-        column = 2 - axis
-        cells[:, column] = place[:, axis] + np.clip(offset, -REACH, REACH)
-        deviation[:, column] = np.minimum(np.interp(log_ratio, of.log_ratio, of.slope) * np.sqrt(spread), 1.0)
-    return cells, deviation
+    beside = place[:, None, None] + _BESIDE
+    row = drawn.place[beside[..., 0] % grid.shape[0], beside[..., 1]]
+    value = np.where(row >= 0, _power(drawn.values[row, beside[..., 2] % grid.shape[2]]), 0.0)
+    power = np.maximum(value.astype(np.float64) / grid.tapers.noise, 1e-3)
+    low, high = power[:, 0], power[:, 1]
+    log_ratio = np.log(high / low) / 2
+    axes = _axes(grid)
+    offset, slope = (
+        np.stack([np.interp(log_ratio[:, k], of.log_ratio, getattr(of, name)) for k, of in enumerate(axes)], axis=1)
+        for name in ("place", "slope")
+    )
+    correlation = np.array([of.correlation for of in axes])
+    spread = (1 / low + 1 / high - 2 * correlation / np.sqrt(low * high)) / 2
+    cells = place + np.clip(offset, -REACH, REACH)
+    return cells[:, ::-1], np.minimum(slope * np.sqrt(spread), 1.0)[:, ::-1]
 
 
 def _power(values: npt.NDArray[np.complex64]) -> npt.NDArray[np.float32]:
@@ -225,6 +229,6 @@ def _axis(count: int, taper: tuple[float, float]) -> _Axis:
     level = np.abs(kernel(apart, count, taper)).max(axis=1)
     # Sidelobes between cells count as well, and none is taken for lower than one farther out.
     highest = np.maximum.accumulate(level[: count // 2 + 1][::-1])[::-1]
-    sidelobe_db = 20 * np.log10(np.maximum(highest / highest[0], 1e-9))
-    padded = np.concatenate([sidelobe_db, np.full(count - len(sidelobe_db), sidelobe_db[-1])])
+    sidelobe = np.maximum(highest / highest[0], 1e-9) ** 2
+    padded = np.concatenate([sidelobe, np.full(count - len(sidelobe), sidelobe[-1])])
     return _Axis(count, place, log_ratio, np.gradient(place, log_ratio), t1**2 / (t0**2 + 2 * t1**2), padded)

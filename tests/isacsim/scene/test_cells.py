@@ -115,7 +115,7 @@ def test_the_responses_of_an_axis_are_those_of_its_kernel(count: int, places: li
     place, taper = np.array(places), (0.54, 0.23)
     first = -(count // 2)
     expected = kernel(np.arange(first, first + count)[:, None] - place, count, taper)
-    np.testing.assert_allclose(responses(first, count, place, count, taper), expected, atol=1e-7)
+    np.testing.assert_allclose(responses(first, count, place, count, taper).T, expected, atol=1e-7)
 
 
 def moving(speed: float) -> tuple[np.ndarray, np.ndarray]:
