@@ -25,10 +25,8 @@ SIDELOBE_FLOOR_DB = -75.0
 """Lowest level that sidelobes are taken for, dB below their peak."""
 REACH = 0.6
 """Farthest place of a peak from its cell's middle, cells."""
-_AROUND = np.array([step for step in product((-1, 0, 1), repeat=3) if any(step)])
-"""Steps to the cells around a cell, (26, 3)."""
-_BESIDE = np.stack([-np.eye(3, dtype=np.int64), np.eye(3, dtype=np.int64)])
-"""Steps to the lower and the upper neighbour along each axis, (2, 3, 3)."""
+_NEIGHBOURS = sorted((step for step in product((-1, 0, 1), repeat=3) if any(step)), key=lambda step: np.abs(step).sum())
+"""Steps to the cells around a cell, the nearest first, which rule out most."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +76,8 @@ class _Axis:
     """One axis of a lone point's peak. count: cells.
 
     log_ratio: of the upper to the lower neighbour's magnitude, against `place`, cells. slope: cells per unit of it.
-    correlation: of the two neighbours' noise. sidelobe: highest power so many cells off the
-    peak, whose own is 1, (count,).
+    correlation: of the two neighbours' noise. sidelobe: highest power so many cells off the peak, whose own is 1,
+    (count,).
     """
 
     count: int
@@ -148,12 +146,13 @@ def _peaks(drawn: DrawnCells, grid: CellGrid, level: float) -> tuple[IntArray, A
     place = np.stack([drawn.doppler[row], drawn.range[row], angle], axis=1)
     highest = (place[:, 1] > 0) & (place[:, 1] < ranges - 1)
     # Of the others, the neighbours along the Doppler shift rule out most.
-    for around in (_BESIDE[:, 0], _AROUND):
+    along, around = _steps()
+    for steps in (along[:, 0], around):
         place, here = place[highest], here[highest]
-        near = place[:, None] + around
+        near = place[:, None] + steps
         other = drawn.place[near[..., 0] % count, near[..., 1]]
         lower = (other < 0) | (here[:, None] >= power[near[..., 2] % antennas, other])
-        highest = lower.all(axis=1)
+        highest = np.asarray(lower.all(axis=1))
     return place[highest], here[highest].astype(np.float64)
 
 
@@ -185,9 +184,9 @@ def _reached(place: IntArray, peak: IntArray, power: Array, grid: CellGrid) -> A
 
 def _between_cells(drawn: DrawnCells, place: IntArray, grid: CellGrid) -> tuple[Array, Array]:
     """Return where peaks are, in cells of angle, range and Doppler, and the deviation by noise, cells, both (K, 3)."""
-    beside = place[:, None, None] + _BESIDE
-    row = drawn.place[beside[..., 0] % grid.shape[0], beside[..., 1]]
-    value = np.where(row >= 0, _power(drawn.values[row, beside[..., 2] % grid.shape[2]]), 0.0)
+    near = place[:, None, None] + _steps()[0]
+    row = drawn.place[near[..., 0] % grid.shape[0], near[..., 1]]
+    value = np.where(row >= 0, _power(drawn.values[row, near[..., 2] % grid.shape[2]]), 0.0)
     power = np.maximum(value.astype(np.float64) / grid.tapers.noise, 1e-3)
     low, high = power[:, 0], power[:, 1]
     log_ratio = np.log(high / low) / 2
@@ -200,6 +199,13 @@ def _between_cells(drawn: DrawnCells, place: IntArray, grid: CellGrid) -> tuple[
     spread = (1 / low + 1 / high - 2 * correlation / np.sqrt(low * high)) / 2
     cells = place + np.clip(offset, -REACH, REACH)
     return cells[:, ::-1], np.minimum(slope * np.sqrt(spread), 1.0)[:, ::-1]
+
+
+@lru_cache(maxsize=1)
+def _steps() -> tuple[IntArray, IntArray]:
+    """Return the steps to the lower and the upper neighbour along each axis, (2, 3, 3), and to all around, (26, 3)."""
+    along = np.eye(3, dtype=np.int64)
+    return np.stack([-along, along]), np.array(_NEIGHBOURS)
 
 
 def _power(values: npt.NDArray[np.complex64]) -> npt.NDArray[np.float32]:
