@@ -116,6 +116,7 @@ def test_the_stage_other_needs_a_dataset(tmp_path: Path) -> None:
         bench.run(dataset, tmp_path / "out", 1, stages=["other"], engine=InlineEngine())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
     dataset = write_dataset(tmp_path / "own", "north", 8)

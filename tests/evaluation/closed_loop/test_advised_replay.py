@@ -51,6 +51,7 @@ def shown(evaluation: ClosedLoopEvaluation, folder: Path) -> Replay:
     return replay
 
 
+@pytest.mark.slow
 def test_the_instructions_shown_are_those_of_the_arm(evaluation: ClosedLoopEvaluation, shown: Replay) -> None:
     assert 1 <= len(shown.records) <= advised.MOST_ADVISED
     begun = 0
@@ -73,6 +74,7 @@ def test_the_instructions_shown_are_those_of_the_arm(evaluation: ClosedLoopEvalu
     assert begun
 
 
+@pytest.mark.slow
 def test_vehicles_move_as_in_the_arm_and_not_as_without_advisories(
     evaluation: ClosedLoopEvaluation, shown: Replay
 ) -> None:
@@ -89,6 +91,7 @@ def test_vehicles_move_as_in_the_arm_and_not_as_without_advisories(
         assert np.median(error) < 1.0
 
 
+@pytest.mark.slow
 def test_a_page_is_made_again_from_what_was_kept(
     evaluation: ClosedLoopEvaluation, shown: Replay, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +111,7 @@ def test_a_damaged_file_counts_as_none(damage: str, tmp_path: Path) -> None:
     assert read_advised(tmp_path) == {}
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_driven_otherwise_is_left_out_and_said(
     evaluation: ClosedLoopEvaluation, shown: Replay, tmp_path: Path
 ) -> None:
@@ -127,6 +131,7 @@ def test_an_arm_that_is_driven_otherwise_is_left_out_and_said(
     assert not (tmp_path / ADVISED_FILE).exists()
 
 
+@pytest.mark.slow
 def test_the_page_holds_them(shown: Replay) -> None:
     packed = json.loads(json.dumps(shown.packed()))
     for record, plain in zip(shown.records, packed["records"], strict=True):

@@ -80,7 +80,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "how", ["pickle", "cut", *(pytest.param(how, marks=pytest.mark.slow) for how in ("torch", "numpy"))]
+    "how", ["pickle", *(pytest.param(how, marks=pytest.mark.slow) for how in ("torch", "numpy", "cut"))]
 )
 def test_a_damaged_or_foreign_checkpoint_is_refused_and_executes_nothing(
     how: str, records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -41,6 +41,7 @@ def test_an_epoch_holds_as_many_pre_onset_windows_and_the_same_known_windows(rec
     np.testing.assert_array_equal(plain_label, known.label[plain_ends.row])
 
 
+@pytest.mark.slow
 def test_exposure_lowers_the_confidence_on_pre_onset_windows(
     records: Records, network_run: Run, tmp_path: Path
 ) -> None:

@@ -353,6 +353,7 @@ def test_predictions_wait_for_whole_samples_of_the_run(
     assert (streams.decision_s, streams.report_delay_s) == (decision_s, report_delay_s)
 
 
+@pytest.mark.slow
 def test_an_evaluation_does_not_go_on_with_other_versions(
     trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
