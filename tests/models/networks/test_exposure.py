@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from isac_cosim.evaluation.on_windows.predictions import predict
