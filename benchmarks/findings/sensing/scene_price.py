@@ -66,13 +66,15 @@ class Case:
         return numerology.power_dbm if own is None else own
 
 
+FEWER = ("bodies, 5 Hz", "bodies, 12.5 Hz")
+"""The cases with fewer instants a second, the fewest first."""
 POINTS, BODIES = {"bodies": "points"}, {"bodies": "bodies"}
 CASES = {
     "points, truth": Case({**POINTS, "association": "truth"}),
     "points": Case(POINTS),
     "bodies, truth": Case({**BODIES, "association": "truth"}),
     "bodies": Case(BODIES),
-    **{name: Case(SCENES[name]) for name in ("bodies, 12.5 Hz", "bodies, 5 Hz")},
+    **{name: Case(SCENES[name]) for name in reversed(FEWER)},
     **{f"bodies, {dbm} dBm": Case({**BODIES, "power_dbm": dbm}) for dbm in ("36", "26")},
     "bodies, masts every 500 m": Case(BODIES, "motorway_sparse"),
 }
@@ -82,8 +84,6 @@ HEAD = (
     "case", "share of symbols", "Mbit/s that they would carry", "rms, m", "missed, %", "false, %", "switches a km",
     "IDF1", "GOSPA a vehicle, m", "less than bodies by, m",
 )  # fmt: skip
-FEWER = ("bodies, 5 Hz", "bodies, 12.5 Hz")
-"""The cases with fewer instants a second, the fewest first."""
 SHARE, JUST_AFTER = "share of symbols, %", "0 to 0.5 s"
 SPENT: Mapping[str, Mapping[str, float]] = {
     SHARE: {name: 100 * CASES[name].share for name in (*FEWER, BASE)},
