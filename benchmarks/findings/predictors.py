@@ -12,7 +12,7 @@ A stage each, run in this order:
 
 OUT keeps the runs and their evaluations: the same command resumes where it stopped.
 
-Run: python -m isac_cosim.benchmarks.findings.predictors DATASET OUT [--other DATASET] [--seeds 3]
+Run: python -m isac_cosim.benchmarks.findings.predictors DATASET OUT [--generate] [--other DATASET] [--seeds 3]
      [--also minirocket] [--jobs 2] [--stages windows,truth]
 """
 
@@ -47,6 +47,7 @@ from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.page import PAGE
 from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.models import DEFAULT, FLOOR
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE
@@ -69,7 +70,8 @@ COMPARED: tuple[str, ...] = (DEFAULT, FLOOR)
 NETWORK_OF = {"ensemble": DEFAULT, "embedding-trees": DEFAULT}
 """Predictors that train the very network of another one."""
 SHARES = (0.125, 0.25, 0.5, 1.0)
-TUNED = read_study(Path(str(importlib.resources.files("isac_cosim.studies") / "full.toml"))).training
+FULL_STUDY = Path(str(importlib.resources.files("isac_cosim.studies") / "full.toml"))
+TUNED = read_study(FULL_STUDY).training
 """How every predictor is trained, CaSTFormer with the same optimiser as the others; chosen on validation seeds."""
 STAGES = ("windows", "window_ends", "truth", "other", "samples", "longer")
 """The parts of the bench, in the order in which they run."""
@@ -345,6 +347,7 @@ def main() -> None:
     )
     parser.add_argument("dataset", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--generate", action="store_true", help="first make DATASET, as studies/full.toml describes it")
     parser.add_argument("--other", type=Path)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--also", action="append", default=[], choices=[name for name in OWN if name not in PREDICTORS])
@@ -354,6 +357,9 @@ def main() -> None:
     unknown = [stage for stage in arguments.stages or () if stage not in STAGES]
     if unknown:
         parser.error(f"no such stage: {', '.join(unknown)}; choose from {', '.join(STAGES)}")
+    engine, feedback = LocalEngine(arguments.jobs), ConsoleFeedback(Console(stderr=True))
+    if arguments.generate:
+        generate(read_study(FULL_STUDY).dataset, arguments.dataset, engine, feedback)
     result = run(
         Dataset.open(arguments.dataset),
         arguments.out,
@@ -361,8 +367,8 @@ def main() -> None:
         None if arguments.other is None else Dataset.open(arguments.other),
         arguments.also,
         arguments.stages,
-        LocalEngine(arguments.jobs),
-        ConsoleFeedback(Console(stderr=True)),
+        engine,
+        feedback,
     )
     print(json_text(result, 1))
 
