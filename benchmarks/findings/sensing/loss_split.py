@@ -9,7 +9,7 @@ over the seeds, and paired differences to the truth.
 Each way and seed is a stage of minutes, which is kept in FOLDER; so are the answers, as counts, in FOLDER/split.json.
 The same command goes on where it was interrupted.
 
-Run: python -m isac_cosim.benchmarks.findings.sensing.loss_split FOLDER [FIRST:LAST] [SECONDS] [WAY ...]
+Run: python -m isac_cosim.benchmarks.findings.sensing.loss_split FOLDER [FIRST:LAST] [SECONDS] [WAY ...] [--jobs N]
 
 With some of the ways (the scene's: `points, truth` and so on), only those are sensed and compared. `WAY: PART` is the
 truth with a part of the state (position, velocity, acceleration) as that way knows it: which part costs.
@@ -17,25 +17,31 @@ truth with a part of the state (position, velocity, acceleration) as that way kn
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
-import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from rich.console import Console
 
 from isac_cosim.base.arrays import BoolArray
-from isac_cosim.base.errors import InputError
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
+from isac_cosim.base.progress import ConsoleFeedback
 from isac_cosim.base.settings import checked
 from isac_cosim.base.versions import OF_RUNS, versions
-from isac_cosim.base.workers.engine import InlineEngine
+from isac_cosim.base.workers.attempts import Outcome
+from isac_cosim.base.workers.engine import Engine, InlineEngine, LocalEngine
+from isac_cosim.base.workers.missing import Tally, run_missing
 from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD
 from isac_cosim.evaluation.on_windows.predictions import predict
 from isac_cosim.evaluation.statistics import jackknife_half_width
@@ -47,6 +53,7 @@ from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, end_bounds
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.training import train_records
+from isac_cosim.studies.cell_tasks import run_tasks
 
 LINK = {"channel": {"kind": "link"}}
 STUDY: Mapping[str, Any] = {
@@ -83,6 +90,33 @@ Counts = list[list[Any]]
 
 
 @dataclass(frozen=True)
+class SensedSeed:
+    """A seed, whose records are sensed in every way. study: a dataset's, but for its seeds. scenes: by way."""
+
+    folder: Path
+    seed: int
+    study: Mapping[str, Any]
+    scenes: Mapping[str, Mapping[str, Any]]
+
+    def sense(self) -> dict[str, Dataset]:
+        """Return the dataset of each way, made now unless an earlier command made it."""
+        engine = InlineEngine()
+        study = checked(DatasetStudy, {**self.study, "seeds": {"first": self.seed, "last": self.seed}}, "loss_split")
+        alone = generate(study, self.folder / SINGLE / str(self.seed), engine)
+        result = {SINGLE: alone}
+        with detections_kept():
+            for way, scene in self.scenes.items():
+                content = {"sensor": "scene", "sensing": {**LINK, "scene": scene}}
+                settings = checked(ResenseSettings, content, "loss_split")
+                result[way] = resense(alone, settings, self.folder / _slug(way) / str(self.seed), engine)
+        return result
+
+    def work(self) -> None:
+        """Sense what is missing, in a worker."""
+        self.sense()
+
+
+@dataclass(frozen=True)
 class Split:
     """The ways of knowing the records of some seeds. study: a dataset's, but for its seeds. scenes: by way."""
 
@@ -92,23 +126,22 @@ class Split:
     scenes: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: SCENES)
     parts: Sequence[str] = ()
     """Ways that are the truth but for a part of the state, `WAY: PART`."""
+    engine: Engine = field(default_factory=InlineEngine)
+    feedback: Feedback = SILENT
 
     def sense(self) -> dict[str, list[Dataset]]:
-        """Return the datasets of each way, one a seed, made now unless an earlier command made them."""
-        result: dict[str, list[Dataset]] = {way: [] for way in (SINGLE, *self.scenes)}
-        engine = InlineEngine()
-        for seed in self.seeds:
-            study = checked(DatasetStudy, {**self.study, "seeds": {"first": seed, "last": seed}}, "loss_split")
-            alone = generate(study, self.folder / SINGLE / str(seed), engine)
-            result[SINGLE].append(alone)
-            with detections_kept():
-                for way, scene in self.scenes.items():
-                    content = {"sensor": "scene", "sensing": {**LINK, "scene": scene}}
-                    settings = checked(ResenseSettings, content, "loss_split")
-                    known = resense(alone, settings, self.folder / _slug(way) / str(seed), engine)
-                    result[way].append(known)
-                    print(f"seed {seed}, {way}: {len(known)} of {len(alone)} records", file=sys.stderr, flush=True)
-        return result
+        """Return the datasets of each way, one a seed, made now unless an earlier command made them.
+
+        Raises RunError where a seed fails.
+        """
+        seeds = [SensedSeed(self.folder, seed, self.study, self.scenes) for seed in self.seeds]
+
+        def failed(task: SensedSeed, reason: str) -> None:
+            raise RunError(f"seed {task.seed}: {reason}")
+
+        run_tasks(seeds, self.engine, self.feedback, "scenes", "seeds", failed)
+        sensed = [of.sense() for of in seeds]
+        return {way: [of[way] for of in sensed] for way in (SINGLE, *self.scenes)}
 
     def records(self, datasets: Mapping[str, Sequence[Dataset]]) -> dict[str, Records]:
         """Return what is known of the records that no way has lost, by way, the truth first."""
@@ -130,20 +163,42 @@ class Split:
         return result
 
     def answers(self, records: Mapping[str, Records]) -> dict[str, dict[str, Counts]]:
-        """Return the counts of each predictor and way, trained now unless the file has them of the same records."""
-        file, result = self.folder / "split.json", dict[str, dict[str, Counts]]()
+        """Return the counts of each predictor and way, trained now unless the file has them of the same records.
+
+        Raises RunError where a training fails.
+        """
+        file = self.folder / "split.json"
         known: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        made_of: dict[str, dict[str, Any]] = {}
+        missing: list[tuple[str, str]] = []
         for way, of in records.items():
             ids = hashlib.sha256("\n".join(of.table["sample_id"]).encode()).hexdigest()[:16]
+            made_of[way] = {"records": ids, "seeds": [int(seed) for seed in self.seeds], "versions": versions(OF_RUNS)}
             for model in TRAINING:
-                made_of = {"records": ids, "seeds": [int(seed) for seed in self.seeds], "versions": versions(OF_RUNS)}
-                stored = known.get(f"{model}; {way}")
-                if stored is None or {key: stored[key] for key in made_of} != made_of:
-                    stored = {**made_of, "n": len(of), "counts": cross_validated(of, model)}
-                    known[f"{model}; {way}"] = stored
-                    write_json(file, known)
-                result.setdefault(model, {})[way] = stored["counts"]
-        return result
+                stored = known.get(f"{model}; {way}", {})
+                if {key: stored.get(key) for key in made_of[way]} != made_of[way]:
+                    missing.append((model, way))
+        tally = Tally(len(missing))
+
+        def keep(outcome: Outcome[tuple[str, str], Counts]) -> None:
+            model, way = outcome.item
+            if outcome.result is None:
+                raise RunError(f"{model}; {way}: {outcome.error}")
+            known[f"{model}; {way}"] = {**made_of[way], "n": len(records[way]), "counts": outcome.result}
+            write_json(file, known)
+            tally.done += 1
+
+        task = partial(_answer, replace(self, engine=InlineEngine(), feedback=SILENT))
+        run_missing(
+            task, missing, self.engine, self.feedback, title="answers", unit="trainings", keep=keep, progress=tally
+        )
+        return {model: {way: known[f"{model}; {way}"]["counts"] for way in records} for model in TRAINING}
+
+
+def _answer(split: Split, asked: tuple[str, str]) -> Counts:
+    """Return the counts of a predictor and a way, in a worker, which reads the records itself."""
+    model, way = asked
+    return cross_validated(split.records(split.sense())[way], model)
 
 
 def cross_validated(records: Records, model: str) -> Counts:
@@ -257,17 +312,23 @@ def _with_part(truth: Records, known: Records, part: str) -> Records:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
-    first, last = number_range(sys.argv[2] if len(sys.argv) > 2 else "1:20", "seeds", int, "1:20")
-    seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 120.0
-    asked = sys.argv[4:] or list(SCENES)
-    ways = [way for way in asked if way in SCENES]
-    parts = [way for way in asked if way not in ways]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("seeds", nargs="?", default="1:20", metavar="FIRST:LAST")
+    parser.add_argument("seconds", nargs="?", type=float, default=120.0)
+    parser.add_argument("ways", nargs="*", metavar="WAY", default=list(SCENES))
+    parser.add_argument("--jobs", type=int, default=1, help="number of worker processes")
+    arguments = parser.parse_args()
+    first, last = number_range(arguments.seeds, "seeds", int, "1:20")
+    ways = [way for way in arguments.ways if way in SCENES]
+    parts = [way for way in arguments.ways if way not in ways]
     possible = {f"{way}: {part}" for way in (SINGLE, *ways) for part in PARTS}
     if wrong := sorted(set(parts) - possible):
         raise InputError(f"{wrong[0]}: not sensed; give {', '.join(SCENES)}, or WAY: PART of one that is given before")
-    study = {**STUDY, "traffic": {"duration_s": seconds}}
-    split = Split(folder, range(first, last + 1), study, {way: SCENES[way] for way in ways}, parts=parts)
+    study = {**STUDY, "traffic": {"duration_s": arguments.seconds}}
+    scenes = {way: SCENES[way] for way in ways}
+    engine, feedback = LocalEngine(arguments.jobs), ConsoleFeedback(Console(stderr=True))
+    split = Split(arguments.folder, range(first, last + 1), study, scenes, parts, engine, feedback)
     datasets = split.sense()
     records = split.records(datasets)
     kept, whole = len(records[TRUTH]), sum(map(len, datasets[SINGLE]))
@@ -278,7 +339,7 @@ def main() -> None:
     )
     print("| --- |" + " --- |" * (3 + len(ways)))
     lost = " | ".join(str(whole - sum(map(len, datasets[way]))) for way in ways)
-    print(f"| {first} to {last} | {seconds:g} | {whole} | {kept} | {lost} |\n")
+    print(f"| {first} to {last} | {arguments.seconds:g} | {whole} | {kept} | {lost} |\n")
     for line in table(split.answers(records)):
         print(line)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.benchmarks.findings.figures.pages import printed_tables
 from isac_cosim.benchmarks.findings.sensing import loss_split
 from isac_cosim.benchmarks.findings.sensing.loss_split import ENDS, SINGLE, TRUTH, Counts, Split, accuracy, table
@@ -53,6 +55,19 @@ def test_every_way_answers_the_same_windows(tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(loss_split, "cross_validated", never)
     assert split.answers(records) == answers
+
+
+@pytest.mark.slow
+def test_several_workers_sense_and_train_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = Split(tmp_path / "alone", (1, 2, 3), STUDY, SCENES)
+    beside = replace(alone, folder=tmp_path / "beside", engine=LocalEngine(2))
+    one, other = (
+        {way: [of.digest for of in known] for way, known in split.sense().items()} for split in (alone, beside)
+    )
+    assert one == other
+    monkeypatch.setattr(loss_split, "TRAINING", {"rule": loss_split.TRAINING["rule"]})
+    answers = [split.answers(split.records(split.sense())) for split in (alone, beside)]
+    assert answers[0] == answers[1]
 
 
 def test_accuracy_and_its_paired_interval_are_by_seed() -> None:
