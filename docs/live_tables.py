@@ -66,6 +66,8 @@ def tables(result: TrafficResult, further: Sequence[TrafficResult] = ()) -> Iter
         return
     world = (result.made_by.study.dataset.world or "former").partition("-")[0]
     where = f"{result.scenario}, {world}"
+    if result.made_by.study.dataset.sensing.scene is not None:
+        where += ", a scene"
     yield _recalls(f"All maneuvers, {where}", of_five(result, further))
     yield _recalls(f"Six intentions, {where}", beside(result, result.baselines, {of.name: of for of in further}))
     asked = beside(asked_of(result), result.compared, {of.name: asked_of(of) for of in further}, result.name)

@@ -19,7 +19,7 @@ from isac_cosim.base.workers.engine import Engine
 from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of
 from isac_cosim.evaluation.in_traffic.measurement.stress import with_stress
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
-from isac_cosim.evaluation.in_traffic.settings import DEVELOPMENT_H
+from isac_cosim.evaluation.in_traffic.settings import DEVELOPMENT_H, LiveSettings
 from isac_cosim.evaluation.report.live.live_figures import draw_live_figures
 from isac_cosim.isacsim.traffic.sources.registry import source_class
 from isac_cosim.labeling.generation.settings import SeedRange
@@ -46,10 +46,11 @@ def run_live_study(study: Study, out: Path, engine: Engine, feedback: Feedback =
         live, scenario, source = study.live, study.dataset.scenarios[0], study.dataset.source
         chosen = (run.card, scenario, _ends(live.seeds), None if live.development is None else _ends(live.development))
         worlds = source_class(source).natural is not None
-        natural = study_of(*chosen, natural=worlds, source=source)
+        settings = LiveSettings.model_validate({"streams": {"truth": live.truth}})
+        natural = study_of(*chosen, live=settings, natural=worlds, source=source)
         evaluation = evaluate_traffic(run, natural, out / LIVE, engine, feedback, against)
         if live.stress:
-            stressed = study_of(*chosen, source=source)
+            stressed = study_of(*chosen, live=settings, source=source)
             evaluation = with_stress(evaluation, run, stressed, out / LIVE, engine, feedback, against)
         draw_live_figures(evaluation, out / LIVE)
     return evaluation

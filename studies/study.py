@@ -32,12 +32,14 @@ class LiveSection(Settings):
     """How the predictor of a study of streams is evaluated live.
 
     seeds, development: those to measure, and on which alarms are chosen; by default as `evaluate --traffic` has them.
-    stress: whether the stimulated world is measured beside natural traffic.
+    stress: whether the stimulated world is measured beside natural traffic. truth: whether the predictors also answer
+    the true motion of the same vehicles, which tells what sensing costs.
     """
 
     seeds: SeedRange = SeedRange(first=SEEDS[0], last=SEEDS[1])
     development: SeedRange | None = None
     stress: bool = False
+    truth: bool = False
 
 
 class Study(Settings):

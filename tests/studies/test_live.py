@@ -27,6 +27,7 @@ trees = { rounds = 5, least_leaf = 2 }
 seeds = { first = 1001, last = 1001 }
 development = { first = 2001, last = 2001 }
 stress = true
+truth = true
 """
 
 
@@ -43,6 +44,7 @@ def test_one_command_generates_trains_and_evaluates_live(tmp_path: Path, capsys:
     assert list(result["methods"]) == ["hazard"]
     assert "situation trees" in result["baselines"]
     assert result["stress"]["vehicle_hours"] > 0
+    assert result["truth"]["lost"]
     stressed = json.loads((out / "live" / "stress" / "metrics.json").read_text())
     assert "situation trees" in stressed["baselines"]
     assert (out / "live" / "index.html").is_file()
