@@ -111,7 +111,8 @@ def _assigned(costs: Sequence[Array], several: bool, each: int = 1, further: flo
         columns = np.flatnonzero(possible)
         copies = np.tile(columns, each)
         added = np.repeat(further * np.arange(each), len(columns))
-        rows, chosen = linear_sum_assignment(cost[:, copies] + added)
+        # A row that no column may have pays nothing for the place it is put in.
+        rows, chosen = linear_sum_assignment(cost[:, copies] + np.where(cost[:, copies] < _REFUSED, added, 0.0))
         chosen = copies[chosen]
         good = cost[rows, chosen] < _REFUSED
         rows, chosen = rows[good], chosen[good]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from pydantic import Field
@@ -76,6 +76,12 @@ class SceneSettings(Settings):
     )
     fixes_hz: float = Field(25.0, ge=1.0, le=100.0, description="How often the panels sense.")
 
+    @property
+    def sent(self) -> Numerology:
+        """The waveform of the numerology, with the power that it is sent with here."""
+        chosen = NUMEROLOGIES[self.numerology]
+        return chosen if self.power_dbm is None else replace(chosen, power_dbm=self.power_dbm)
+
 
 @dataclass(frozen=True)
 class SceneSetup:
@@ -99,9 +105,4 @@ class SceneSetup:
     @property
     def numerology(self) -> Numerology:
         """Waveform and power."""
-        return NUMEROLOGIES[self.scene.numerology]
-
-    @property
-    def power_dbm(self) -> float:
-        """Transmit power over the bandwidth, dBm."""
-        return self.numerology.power_dbm if self.scene.power_dbm is None else self.scene.power_dbm
+        return self.scene.sent

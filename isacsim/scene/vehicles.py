@@ -108,7 +108,7 @@ class EchoSource:
     def __init__(self, setup: SceneSetup, panels: Panels, scenario: str, seed: int) -> None:
         self._setup, self._panels, self._key = setup, panels, (scenario, seed)
         link = setup.channel.link
-        self._link = link.model_copy(update={"power_dbm": setup.power_dbm})
+        self._link = link.model_copy(update={"power_dbm": setup.numerology.power_dbm})
         self._bodies = setup.scene.bodies == "bodies"
         self._drawn: dict[str, tuple[Array, Array, Array]] = {}
 

@@ -31,7 +31,7 @@ from isac_cosim.evaluation.report.figures import figure
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scene.episode import detections_kept
 from isac_cosim.isacsim.scene.scores import SceneScores
-from isac_cosim.isacsim.scene.settings import NUMEROLOGIES, SceneSettings
+from isac_cosim.isacsim.scene.settings import SceneSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,13 +57,7 @@ class Case:
     @property
     def share(self) -> float:
         """Share of all symbols that sensing takes."""
-        return self.settings.fixes_hz * NUMEROLOGIES[self.settings.numerology].waveform.symbols / SYMBOLS_PER_S
-
-    @property
-    def power_dbm(self) -> float:
-        """Transmit power over the bandwidth, dBm."""
-        own, numerology = self.settings.power_dbm, NUMEROLOGIES[self.settings.numerology]
-        return numerology.power_dbm if own is None else own
+        return self.settings.fixes_hz * self.settings.sent.waveform.symbols / SYMBOLS_PER_S
 
 
 FEWER = ("bodies, 5 Hz", "bodies, 12.5 Hz")
@@ -87,7 +81,7 @@ HEAD = (
 SHARE, JUST_AFTER = "share of symbols, %", "0 to 0.5 s"
 SPENT: Mapping[str, Mapping[str, float]] = {
     SHARE: {name: 100 * CASES[name].share for name in (*FEWER, BASE)},
-    "power, dBm": {name: CASES[name].power_dbm for name in ("bodies, 26 dBm", "bodies, 36 dBm", BASE)},
+    "power, dBm": {name: CASES[name].settings.sent.power_dbm for name in ("bodies, 26 dBm", "bodies, 36 dBm", BASE)},
     "distance of masts, m": {BASE: 150.0, "bodies, masts every 500 m": 500.0},
 }
 """What is spent on sensing along each axis of the figure, by case."""

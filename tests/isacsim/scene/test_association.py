@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from isac_cosim.base.arrays import Array
@@ -43,6 +43,7 @@ def least(squared: Array, each: int) -> tuple[int, float]:
 
 
 @given(RANGES, RANGES, st.sampled_from([1, 5]))
+@example([90.0, 92.0, 100.0], [96.25, 103.75], 5)  # the first is nobody's, and must not push the others together
 def test_it_is_the_cheapest_of_all_assignments(found_m: list[float], tracks_m: list[float], points: int) -> None:
     pairs = paired(found_m, tracks_m, points)
     squared = (np.array(found_m)[:, None] - np.array(tracks_m)) ** 2
