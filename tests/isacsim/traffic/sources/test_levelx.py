@@ -15,24 +15,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.protocol import recorded
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import MarkedCarriageway
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.event_match import found_events
 from tests.support.highd_writer import LOWER, UPPER, renamed, straight_recording, write_highd
+from tests.support.reading import read
 
 
 def study_of(where: Path, **levelx: object) -> DatasetStudy:
     content = {"source": "levelx", "scenarios": [str(where)], "levelx": {"block_min": 60.0, **levelx}}
     return DatasetStudy.model_validate(content)
-
-
-def read(study: DatasetStudy) -> Recording:
-    source = motion_source(study)
-    return recorded(source, source.load(study.scenarios[0]), 1)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios import scenario as scenarios
-from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import recorded
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.labeling.detectors.events import label
@@ -21,6 +20,7 @@ from tests.support.event_match import found_events
 from tests.support.exid_writer import write_exid
 from tests.support.highd_writer import straight_recording
 from tests.support.lanelet_writer import UTM, LaneletMap, write_lanelets
+from tests.support.reading import read
 from tests.support.sumo_recording import SCENARIO, motorway_recording
 
 
@@ -29,11 +29,6 @@ def study_of(where: Path, network: str | None = SCENARIO, **levelx: object) -> D
         "source": "levelx", "scenarios": [str(where)], "levelx": {"network": network, "block_min": 60.0, **levelx}
     }  # fmt: skip
     return DatasetStudy.model_validate(content)
-
-
-def read(study: DatasetStudy) -> Recording:
-    source = motion_source(study)
-    return recorded(source, source.load(study.scenarios[0]), 1)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import recorded
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.isacsim.traffic.trajectory_files.standing import steadied
@@ -24,16 +23,12 @@ from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.event_match import found_events
 from tests.support.highd_writer import straight_recording
 from tests.support.ngsim_writer import LEFT_EDGE_M, START_M, Row, ngsim_rows, straight, write_csv, write_txt
+from tests.support.reading import read
 
 
 def study_of(file: Path, **ngsim: object) -> DatasetStudy:
     content = {"source": "ngsim", "scenarios": [str(file)], "ngsim": {"block_min": 60.0, "noise_m": 0.0, **ngsim}}
     return DatasetStudy.model_validate(content)
-
-
-def read(study: DatasetStudy, seed: int = 1) -> Recording:
-    source = motion_source(study)
-    return recorded(source, source.load(study.scenarios[0]), seed)
 
 
 @lru_cache(maxsize=1)
