@@ -1,11 +1,13 @@
-"""The statistics of a window inside a network: an extension of ASI-BIP that shows it what the boosted trees see."""
+"""The statistics of a window inside a network: extensions of ASI-BIP that show it what the boosted trees see."""
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from isac_cosim.models.data.statistics import STATISTICS
+from isac_cosim.models.data.statistics import N_RECENT, STATISTICS, recent_motion
+from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.network import N_STATES
 
 
@@ -34,6 +36,42 @@ class StatisticsBranch(nn.Module):
     def forward(self, *streams: Tensor) -> Tensor:
         """Return (B, width) for streams (B, 6, T)."""
         return torch.as_tensor(self.mlp((window_statistics(*streams) - self.mean) / self.sd))
+
+
+class RecentToken(nn.Module):
+    """A token of how the TV has moved most lately: an MLP on the columns of `models.data.statistics.recent_motion`.
+
+    length: samples per window of the TV. rate_hz: of its stream. width: of the token.
+    """
+
+    weights: Tensor
+    mean: Tensor
+    sd: Tensor
+
+    def __init__(self, length: int, rate_hz: float, width: int) -> None:
+        super().__init__()
+        # The columns are linear in the samples, and the same for each component: their weights answer unit impulses.
+        impulses = np.zeros((length, N_STATES, length), np.float32)
+        impulses[:, 2] = np.eye(length, dtype=np.float32)
+        columns = recent_motion(Windows(impulses, impulses[:, :, :1]), rate_hz)
+        self.register_buffer("weights", torch.from_numpy(columns[:, : N_RECENT // (N_STATES - 2)].copy()))
+        self.register_buffer("mean", torch.zeros(N_RECENT))
+        self.register_buffer("sd", torch.ones(N_RECENT))
+        self.mlp = nn.Sequential(nn.Linear(N_RECENT, width), nn.GELU(), nn.Linear(width, width))
+
+    def columns(self, tv: Tensor) -> Tensor:
+        """Return the columns on recent motion, (B, 20), of a stream (B, 6, T)."""
+        return (tv[:, 2:] @ self.weights).flatten(1)
+
+    def fit_scale(self, tv: Tensor) -> None:
+        """Set the scale to that of training windows, (n, 6, T)."""
+        columns = self.columns(tv)
+        self.mean.copy_(columns.mean(dim=0))
+        self.sd.copy_(columns.std(dim=0, correction=0) + 1e-6)
+
+    def forward(self, tv: Tensor) -> Tensor:
+        """Return the token, (B, 1, width), of a stream (B, 6, T)."""
+        return torch.as_tensor(self.mlp((self.columns(tv) - self.mean) / self.sd))[:, None]
 
 
 def window_statistics(*streams: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.networks.lstms import has_bfloat16, outputs
 from isac_cosim.models.networks.network import MOST_LAYERS, N_STATES, WindowNetwork, linear_head
-from isac_cosim.models.networks.statistics_branch import StatisticsBranch
+from isac_cosim.models.networks.statistics_branch import RecentToken, StatisticsBranch
 from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
 
@@ -73,7 +73,8 @@ class AsiBip(WindowNetwork):
 
     tv_length, uv_length: samples per window of each stream. streams: "both" as in the paper; with one of them, the
     branch of the other is left out. rates: "own" as in the paper; otherwise a stream is resampled to the rate of the
-    other one, and gets that one's patches and pools, so that there are as many tokens.
+    other one, and gets that one's patches and pools, so that there are as many tokens. recent_hz: an extension, not in
+    the paper: the rate of the TV's stream, where a token of its recent motion is added.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class AsiBip(WindowNetwork):
         uv_length: int,
         streams: Streams = "both",
         rates: Rates = "own",
+        recent_hz: float | None = None,
     ) -> None:
         super().__init__(n_classes)
         self.head = linear_head(settings.width, n_classes, settings.dropout)
@@ -105,6 +107,7 @@ class AsiBip(WindowNetwork):
             if settings.statistics
             else None
         )
+        self.recent = None if recent_hz is None else RecentToken(tv_length, recent_hz, settings.width)
         self.class_token = _learned(1, settings.width)
         self.encoder = ClassTokenEncoder(settings)
         self.norm = nn.LayerNorm(settings.width)
@@ -119,16 +122,19 @@ class AsiBip(WindowNetwork):
         super().fit_scale(tv, uv)
         if self.statistics is not None:
             self.statistics.fit_scale(*self._streams(*self.standardised(tv, uv)))
+        if self.recent is not None:
+            self.recent.fit_scale(self.standardised(tv, uv)[0])
 
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
         """Return the encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
         class_token = self.class_token.expand(tv.shape[0], -1, -1)
         if self.statistics is not None:
             class_token = class_token + self.statistics(*self._streams(tv, uv))[:, None]
+        more = [] if self.recent is None else [self.recent(tv)]
         branches = [branch for branch in (self.tv_branch, self.uv_branch) if branch is not None]
         tv, uv = (resampled(x, length) for x, length in zip((tv, uv), self.lengths, strict=True))
         tokens = tokens_of(branches, self._streams(tv, uv))
-        return torch.as_tensor(self.norm(self.encoder(torch.cat([class_token, *tokens], dim=1))))
+        return torch.as_tensor(self.norm(self.encoder(torch.cat([class_token, *more, *tokens], dim=1))))
 
     def _streams(self, tv: Tensor, uv: Tensor) -> list[Tensor]:
         """Return the streams that the network looks at."""
@@ -144,11 +150,13 @@ class AsiBipPredictor(NetworkPredictor):
     window_s = 10.3e-3
     streams: ClassVar[Streams] = "both"
     rates: ClassVar[Rates] = "own"
+    recent: ClassVar[bool] = False
 
     @classmethod
     def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
         lengths = shape.tv_length, shape.uv_length
-        return AsiBip(settings.of(AsiBipSettings), shape.n_classes, *lengths, cls.streams, cls.rates)
+        recent_hz = shape.tv_rate_hz if cls.recent else None
+        return AsiBip(settings.of(AsiBipSettings), shape.n_classes, *lengths, cls.streams, cls.rates, recent_hz)
 
 
 class TvAlonePredictor(AsiBipPredictor):
@@ -185,6 +193,14 @@ class FastPredictor(AsiBipPredictor):
     summary = "asi-bip with the stream of the UV interpolated to the rate of the TV: a control of the two rates"
     window_s = 17e-3
     rates = "fast"
+
+
+class RecentPredictor(AsiBipPredictor):
+    """An extension: ASI-BIP with a token of what the boosted trees see of the TV's recent motion."""
+
+    display_name = "ASI-BIP, recent motion"
+    summary = "asi-bip with a token of the TV's motion in the last 0.4 s, which the boosted trees see"
+    recent = True
 
 
 class ClassTokenEncoder(nn.Module):

@@ -13,6 +13,7 @@ from isac_cosim.models.predictors.aligned import AlignedPredictor
 from isac_cosim.models.predictors.asi_bip import (
     AsiBipPredictor,
     FastPredictor,
+    RecentPredictor,
     SlowPredictor,
     TvAlonePredictor,
     UvAlonePredictor,
@@ -32,6 +33,7 @@ GROUP = "isac_cosim.predictors"
 OWN: Mapping[str, type[Predictor]] = {
     "asi-bip": AsiBipPredictor,
     "tv-alone": TvAlonePredictor,
+    "asi-bip-recent": RecentPredictor,
     "asi-bip-slow": SlowPredictor,
     "asi-bip-fast": FastPredictor,
     "uv-alone": UvAlonePredictor,

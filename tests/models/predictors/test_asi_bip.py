@@ -4,10 +4,10 @@ import pytest
 import torch
 from torch import nn
 
-from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.statistics import recent_motion, statistics
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.lstms import has_bfloat16
-from isac_cosim.models.networks.statistics_branch import window_statistics
+from isac_cosim.models.networks.statistics_branch import RecentToken, window_statistics
 from isac_cosim.models.predictors import asi_bip
 from isac_cosim.models.predictors.asi_bip import (
     AsiBip,
@@ -109,6 +109,31 @@ def test_statistics_change_the_answer_and_nothing_of_the_other_branches() -> Non
         for parameter in with_statistics.statistics.mlp[-1].parameters():  # type: ignore[union-attr]
             parameter.zero_()
     torch.testing.assert_close(with_statistics(tv, uv), plain(tv, uv))
+
+
+@pytest.mark.parametrize(("length", "rate_hz"), [(880, 400.0), (80, 400.0), (7, 10.0)])
+def test_the_token_of_recent_motion_has_the_columns_of_the_trees(length: int, rate_hz: float) -> None:
+    tv = 5 * torch.randn(4, 6, length)
+    expected = recent_motion(Windows(tv.numpy(), tv.numpy()), rate_hz)
+    torch.testing.assert_close(
+        RecentToken(length, rate_hz, 8).columns(tv), torch.from_numpy(expected), atol=1e-3, rtol=1e-4
+    )
+
+
+def test_recent_motion_changes_the_answer_by_the_tv_alone() -> None:
+    net = AsiBip(SMALL, 6, 80, 20, recent_hz=400.0).eval()
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    net.fit_scale(tv, uv)
+    assert net.recent is not None
+    inputs: list[torch.Tensor] = []
+    net.recent.mlp.register_forward_pre_hook(lambda _, args: inputs.append(args[0]))
+    plain = network()
+    _, more = plain.load_state_dict(net.state_dict(), strict=False)
+    assert more
+    assert all(name.startswith("recent.") for name in more)
+    assert (net(tv, uv) - plain(tv, uv)).abs().max() > 1e-4
+    net(tv, uv + 5)
+    assert torch.equal(*inputs)
 
 
 def test_with_one_stream_statistics_are_of_that_one() -> None:
