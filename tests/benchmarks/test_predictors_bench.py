@@ -11,6 +11,7 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.benchmarks.findings import predictors as bench
+from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.models.networks.lightning_module import NetworkModule
 from isac_cosim.models.runs.settings import TrainSettings
 from tests.support.made_up import SMALL_RUN
@@ -114,6 +115,37 @@ def test_the_stage_other_needs_a_dataset(tmp_path: Path) -> None:
     dataset = write_dataset(tmp_path / "own", "north", 8)
     with pytest.raises(InputError, match="--other"):
         bench.run(dataset, tmp_path / "out", 1, stages=["other"], engine=InlineEngine())
+
+
+STUDY = """
+[dataset]
+source = "kinematic"
+scenarios = ["straight_road"]
+seeds = { first = 1, last = 6 }
+[dataset.kinematics]
+per_class = 2
+following_scenes = 1
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small")
+def test_the_command_makes_its_dataset_and_goes_on_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study, dataset = tmp_path / "study.toml", tmp_path / "dataset"
+    study.write_text(STUDY)
+    monkeypatch.setattr(bench, "FULL_STUDY", study)
+    command = ["predictors", str(dataset), str(tmp_path / "out"), "--seeds", "1", "--stages", "truth"]
+    monkeypatch.setattr("sys.argv", command)
+    with pytest.raises(InputError, match="dataset"):
+        bench.main()
+    monkeypatch.setattr("sys.argv", [*command, "--generate"])
+    for _ in range(2):
+        bench.main()
+        result = json.loads(capsys.readouterr().out)
+        assert result["dataset"] == Dataset.open(dataset).digest
+        assert result["scenario_seeds"] == 6
 
 
 @pytest.mark.slow
