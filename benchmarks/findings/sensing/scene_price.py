@@ -166,8 +166,8 @@ def draw(
         panels[-1].errorbar(share, right, half, color=COLOURS[0], marker="o", markersize=4, capsize=3, label="bodies")
         panels[-1].axhline(answers[""][0], color=COLOURS[3], linestyle="--", linewidth=1, label="true motion")
         panels[-1].set_xlabel(SHARE)
-        panels[-1].set_ylabel("right answers in the half second\nafter onset, %")
-        panels[-1].legend(frameon=False, fontsize=8)
+        panels[-1].set_ylabel("right in the half second after onset, %")
+        panels[-1].legend(frameon=False, fontsize=8, loc="upper right", bbox_to_anchor=(1.0, 0.9))
         plain(panels[-1])
     for axes in panels[1 : len(SPENT)]:
         axes.sharey(panels[0])
