@@ -114,7 +114,7 @@ class OpenedDataset(Dataset):
 
     def split(self, settings: TrainSettings | None = None) -> dict[str, list[str]]:
         """Return the episodes, `SCENARIO-SEED`, of each side of the split. Raises InputError below three seeds."""
-        from isac_cosim.models.data.windows import split
+        from isac_cosim.models.data.split import split
         from isac_cosim.models.runs.settings import TrainSettings
 
         return split(self.records, (settings or TrainSettings()).split)

@@ -40,7 +40,7 @@ from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange
 from isac_cosim.models import FLOOR
-from isac_cosim.models.data.windows import SplitSettings
+from isac_cosim.models.data.split import SplitSettings
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.runs.settings import TrainSettings

@@ -35,7 +35,7 @@ from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.resense import ResenseSettings, resense
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models import FLOOR
-from isac_cosim.models.data.windows import SplitSettings, split
+from isac_cosim.models.data.split import SplitSettings, split
 from isac_cosim.models.training.progress import Steps, slowdown_now
 from isac_cosim.studies.cell_tasks import CellEvaluation, CellTraining, run_tasks
 from isac_cosim.studies.cost_estimate import cell_s, estimate_study

@@ -41,7 +41,8 @@ from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.generated_labels import generated_candidates
 from isac_cosim.models.data.lane_map import LaneMap
-from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
+from isac_cosim.models.data.split import split
+from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths
 from isac_cosim.models.predictors.protocol import FitTask, Predictor, WindowShape
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings

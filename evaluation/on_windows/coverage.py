@@ -12,7 +12,8 @@ from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.intentions import KNOWN, Intention, spoken
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.data.windows import COLUMNS, Records, WindowSettings, draw_ends, split
+from isac_cosim.models.data.split import split
+from isac_cosim.models.data.windows import COLUMNS, Records, WindowSettings, draw_ends
 
 
 def records_without_states(dataset: Dataset) -> Records:

@@ -12,7 +12,8 @@ from isac_cosim.labeling.intentions import LANE_CHANGES, Intention
 from isac_cosim.models import DEFAULT
 from isac_cosim.models.data.augment import AugmentSettings
 from isac_cosim.models.data.pre_onset import PreOnsetSettings
-from isac_cosim.models.data.windows import SplitSettings, WindowSettings
+from isac_cosim.models.data.split import SplitSettings
+from isac_cosim.models.data.windows import WindowSettings
 
 HeldOut = Literal["hard_brake", "left_lane_change", "right_lane_change", "overtake", "hard_accel", "evasive_swerve"]
 Section = TypeVar("Section", bound=Settings)

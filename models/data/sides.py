@@ -12,13 +12,14 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven, vehicles
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.data.windows import Records, SplitSettings
+from isac_cosim.models.data.split import SplitSettings
+from isac_cosim.models.data.windows import Records
 
 if TYPE_CHECKING:
     from isac_cosim.labeling.dataset.dataset import Dataset
 
 Sides = Mapping[str, Sequence[str]]
-"""Scenario seeds of each side, `<scenario>-<seed>`, as `models.data.windows.split` returns them."""
+"""Scenario seeds of each side, `<scenario>-<seed>`, as `models.data.split.split` returns them."""
 TESTED_AFTER = {"train": ("validation", "test"), "validation": ("test",)}
 """The sides that keep a vehicle which is also on this one, where the split is by vehicle."""
 

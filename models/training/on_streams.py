@@ -16,7 +16,7 @@ from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention, outward
 from isac_cosim.labeling.streams.dataset import Streams
-from isac_cosim.models.data.windows import SplitSettings
+from isac_cosim.models.data.split import SplitSettings
 from isac_cosim.models.hazards.answers import WITH_HAZARD
 from isac_cosim.models.hazards.decisions import StreamSide
 from isac_cosim.models.hazards.predictor import HazardPredictor, StreamTask

@@ -16,7 +16,8 @@ from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.sides import dependence_of_test, is_taught, on_side, taught, warning
-from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
+from isac_cosim.models.data.split import split
+from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor
 from isac_cosim.models.predictors.reject_option import fit_reject_option
 from isac_cosim.models.runs.run import (

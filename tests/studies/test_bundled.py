@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from isac_cosim.labeling.intentions import Intention
-from isac_cosim.models.data.windows import Records, split
+from isac_cosim.models.data.split import split
+from isac_cosim.models.data.windows import Records
 from isac_cosim.studies.study import read_study
 
 

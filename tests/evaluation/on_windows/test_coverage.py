@@ -18,7 +18,8 @@ from isac_cosim.evaluation.report.score_table import headline
 from isac_cosim.evaluation.report.verdict import verdict
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.intentions import KNOWN, Intention
-from isac_cosim.models.data.windows import Records, split
+from isac_cosim.models.data.split import split
+from isac_cosim.models.data.windows import Records
 from isac_cosim.models.training.training import train
 from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import write_dataset

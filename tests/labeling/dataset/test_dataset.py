@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,62 +15,17 @@ import pytest
 import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import file_digest
-from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.labeling.dataset.dataset import (
     Dataset,
     Episode,
-    Meta,
-    Sample,
-    ScenarioMeta,
     ShardIndex,
-    SiteMeta,
     write_meta,
-    write_roads,
     write_shard,
 )
-from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
-from isac_cosim.labeling.dataset.record_point import in_plane
-from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_shard, schema
-from isac_cosim.labeling.intentions import Intention
-from tests.support.former_dataset import as_schema, without_index
-
-LENGTHS = (200, 50, 20)
-
-
-def sample(k: int, seed: int = 1) -> Sample:
-    rng = np.random.default_rng([seed, k])
-    tv, truth, uv, run_in = (rng.normal(size=(6, n)).astype(np.float32) for n in (LENGTHS[0], *LENGTHS))
-    intention, origin = Intention(k % 7), ("natural", "reaction", "commanded")[k % 3]
-    cause = ("debris", 1.5 + 0.25 * (k % 5)) if origin == "reaction" else ("", float("nan"))
-    return Sample(
-        f"road-{seed}-{k}", "road", seed, "sumo", f"tv{k}", f"uv{k}", intention, origin, 1.0, 2.0, 3.0, 4.0,
-        "isac", 5.5, 4, tv, truth, uv, *cause, run_in, x0=100.0 * k, y0=-20_000.0,
-    )  # fmt: skip
-
-
-def make(folder: Path, counts: tuple[int, ...] = (300, 0, 5)) -> Dataset:
-    """A dataset of one shard a count."""
-    (folder / "shards").mkdir(parents=True)
-    shards = [
-        write_shard(
-            folder / "shards",
-            [sample(k, seed) for k in range(count)],
-            Episode(scenario="road", seed=seed, left_out={"no_uv": seed}),
-            *LENGTHS,
-        )
-        for seed, count in enumerate(counts)
-    ]
-    site = SiteMeta(id="s", x=1.0, y=2.0, height_m=25.0, azimuth_deg=90.0)
-    scenario = ScenarioMeta(name="road", source="road", sha256="0" * 64, origin=(0.0, 0.0), sites=(site,))
-    meta = Meta(
-        complete=True, fingerprint="f", tv_rate_hz=40, uv_rate_hz=10, duration_s=5.0, run_in_s=0.5,
-        study={"seeds": [0, 2]}, versions={"numpy": "2"}, scenarios=(scenario,), shards=tuple(shards),
-    )  # fmt: skip
-    write_meta(folder, meta)
-    lanes = [Lane(name, "e", 0, 3.2, 10.0, np.array([[0.0, 1.0], [10.0, 2.5]]), ()) for name in ("e_0", ":j_0")]
-    write_roads(folder, "road", lanes)
-    return Dataset.open(folder)
+from isac_cosim.labeling.dataset.shard import ARRAYS, SCALARS, read_shard, schema
+from tests.support.former_dataset import without_index
+from tests.support.small_dataset import LENGTHS, make, sample
 
 
 @pytest.fixture(scope="module")
@@ -316,71 +270,6 @@ def test_an_unfinished_dataset_and_a_missing_shard_are_refused(tmp_path: Path) -
         Dataset.open(dataset.path)
 
 
-def test_a_dataset_of_a_version_that_is_read_no_longer_is_refused_with_its_version(tmp_path: Path) -> None:
-    dataset = make(tmp_path / "data", (6,))
-    meta = without_index(dataset.path) | {"schema_version": 1, "versions": {"isac-cosim": "0.1.0"}}
-    (dataset.path / "dataset.json").write_text(json.dumps(meta))
-    with pytest.raises(InputError, match=r"dataset\.json: was written by version 0\.1\.0, which is read no longer"):
-        Dataset.open(dataset.path)
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path, version: int) -> None:
-    """Before schema 4, positions are in the plane; before schema 3, nothing has a cause, and commands stimulate."""
-    dataset = make(tmp_path / "data", (6, 3))
-    shards = []
-    for shard in dataset.meta.shards:
-        path = dataset.shard_path(shard)
-        as_schema(path, version)
-        stored = Counter(pq.read_table(path, columns=["origin"])["origin"].to_pylist())
-        shards.append(read_shard(path).model_dump(mode="json") | {"by_origin": dict(stored)})
-    meta = without_index(dataset.path)
-    meta |= {"schema_version": version, "shards": shards, "run_in_s": 0.0 if version < 3 else 0.5}
-    (dataset.path / "dataset.json").write_text(json.dumps(meta))
-    former = Dataset.open(dataset.path)
-    former.verify()
-    frame = former.frame()
-    assert list(frame.columns) == list(SCALARS)
-    assert former.meta.by_origin() == frame["origin"].value_counts().to_dict()
-    assert (frame[["x0", "y0"]] == 0.0).all(axis=None)
-    rows = [sample(k, seed) for seed, count in enumerate((6, 3)) for k in range(count)]
-    for name in ("tv", "uv"):
-        stored_states = np.stack([in_plane(getattr(row, name), row.x0, row.y0) for row in rows])
-        np.testing.assert_array_equal(former.arrays(name)[name], stored_states.astype(np.float32))
-    [first, *_] = samples = former.samples(former.meta.shards[0])
-    assert (first.x0, first.y0) == (0.0, 0.0)
-    if version == 3:
-        assert set(frame["cause"]) == {"", "debris"}
-        return
-    assert set(frame["origin"]) == {"natural", "commanded"}
-    assert (frame["cause"] == "").all()
-    assert frame["cause_ttc_s"].isna().all()
-    assert len(former.frame(["cause"])) == len(former) == 9
-    assert {(row.origin, row.cause) for row in samples} == {("natural", ""), ("commanded", "")}
-
-
-def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Path) -> None:
-    dataset = make(tmp_path / "data", (6, 3))
-    written = dataset.frame()
-    shards = []
-    for shard in dataset.meta.shards:
-        path = dataset.shard_path(shard)
-        pq.write_table(pq.read_table(path).drop_columns(list(PASSING)), path)
-        shards.append(read_shard(path))
-    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of(shards)}))
-    former = Dataset.open(dataset.path)
-    former.verify()
-    frame = former.frame()
-    assert list(frame.columns) == list(SCALARS)
-    assert (frame["pull_out"] == "").all()
-    assert frame[["t_pass", "t_pair_end"]].isna().all(axis=None)
-    assert frame.drop(columns=list(PASSING)).equals(written.drop(columns=list(PASSING)))
-    assert len(former.frame(["t_pass"])) == len(former) == 9
-    [first, *_] = former.samples(former.meta.shards[0])
-    assert first.pull_out == ""
-    assert len(dropped_pull_outs(former)) == 0
-
-
 def test_a_reaction_without_a_cause_is_a_fault(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (6,))
     [shard] = dataset.meta.shards
@@ -389,19 +278,3 @@ def test_a_reaction_without_a_cause_is_a_fault(tmp_path: Path) -> None:
     write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([changed])}))
     with pytest.raises(InputError, match="reactions are not the samples with a cause"):
         Dataset.open(dataset.path).verify()
-
-
-def test_datasets_of_schema_4_open_and_have_no_tracks(tmp_path: Path) -> None:
-    dataset = make(tmp_path / "data", (6, 3))
-    paths = [dataset.shard_path(shard) for shard in dataset.meta.shards]
-    for path in paths:
-        as_schema(path, 4)
-    shards = ShardIndex.of(map(read_shard, paths))
-    write_meta(dataset.path, dataset.meta.model_copy(update={"schema_version": 4, "shards": shards}))
-    former = Dataset.open(dataset.path)
-    former.verify()
-    frame = former.frame()
-    assert ((frame["track_id"] == "") & (frame["breaks"] == 0)).all()
-    assert frame[["right_share", "position_sd_m"]].isna().all(axis=None)
-    assert frame["x0"].tolist() == [100.0 * k for count in (6, 3) for k in range(count)]
-    assert len(former.samples(former.meta.shards[0])) == 6

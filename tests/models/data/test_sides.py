@@ -8,7 +8,7 @@ import pytest
 from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.dataset.dependence import Dependence
 from isac_cosim.models.data.sides import on_side, trained_on, warning
-from isac_cosim.models.data.windows import SplitSettings
+from isac_cosim.models.data.split import SplitSettings
 from tests.support.made_up import make_records
 
 SIDES = {"train": ["toy-0", "toy-1"], "validation": ["toy-2"], "test": ["toy-3"]}

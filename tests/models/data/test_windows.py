@@ -9,16 +9,15 @@ from hypothesis import strategies as st
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.split import SplitSettings, split
 from isac_cosim.models.data.windows import (
     Ends,
     Records,
-    SplitSettings,
     WindowSettings,
     cut,
     draw_ends,
     end_bounds,
     lengths,
-    split,
     to_moving,
     to_relative,
 )
