@@ -11,67 +11,71 @@ from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.network import N_STATES
 
 
-class StatisticsBranch(nn.Module):
-    """An MLP on the statistics of one or more streams of a window, standardised by those of training windows.
+class ColumnsBranch(nn.Module):
+    """An MLP on columns that are computed from streams, standardised by those of training windows.
+
+    count: how many columns. mlp: takes them.
+    """
+
+    mean: Tensor
+    sd: Tensor
+
+    def __init__(self, count: int, mlp: nn.Module) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(count))
+        self.register_buffer("sd", torch.ones(count))
+        self.mlp = mlp
+
+    def columns(self, *streams: Tensor) -> Tensor:
+        """Return the columns, (B, count), of streams (B, 6, T)."""
+        raise NotImplementedError
+
+    def fit_scale(self, *streams: Tensor) -> None:
+        """Set the scale to the columns of training windows, (n, 6, T) for each stream."""
+        columns = self.columns(*streams)
+        self.mean.copy_(columns.mean(dim=0))
+        self.sd.copy_(columns.std(dim=0, correction=0) + 1e-6)
+
+    def forward(self, *streams: Tensor) -> Tensor:
+        """Return (B, width) for streams (B, 6, T)."""
+        return torch.as_tensor(self.mlp((self.columns(*streams) - self.mean) / self.sd))
+
+
+class StatisticsBranch(ColumnsBranch):
+    """An MLP on the statistics of one or more streams of a window.
 
     streams: how many streams. hidden: hidden units. width: of the output. dropout: before the output layer.
     """
 
-    mean: Tensor
-    sd: Tensor
-
     def __init__(self, streams: int, hidden: int, width: int, dropout: float) -> None:
-        super().__init__()
         count = streams * N_STATES * len(STATISTICS)
-        self.register_buffer("mean", torch.zeros(count))
-        self.register_buffer("sd", torch.ones(count))
-        self.mlp = nn.Sequential(nn.Linear(count, hidden), nn.GELU(), nn.Dropout(dropout), nn.Linear(hidden, width))
+        super().__init__(
+            count, nn.Sequential(nn.Linear(count, hidden), nn.GELU(), nn.Dropout(dropout), nn.Linear(hidden, width))
+        )
 
-    def fit_scale(self, *streams: Tensor) -> None:
-        """Set the scale to the statistics of training windows, (n, 6, T) for each stream."""
-        statistics = window_statistics(*streams)
-        self.mean.copy_(statistics.mean(dim=0))
-        self.sd.copy_(statistics.std(dim=0, correction=0) + 1e-6)
-
-    def forward(self, *streams: Tensor) -> Tensor:
-        """Return (B, width) for streams (B, 6, T)."""
-        return torch.as_tensor(self.mlp((window_statistics(*streams) - self.mean) / self.sd))
+    def columns(self, *streams: Tensor) -> Tensor:
+        return window_statistics(*streams)
 
 
-class RecentToken(nn.Module):
-    """A token of how the TV has moved most lately: an MLP on the columns of `models.data.statistics.recent_motion`.
+class RecentMotionBranch(ColumnsBranch):
+    """An MLP on how the TV has moved most lately: the columns of `models.data.statistics.recent_motion`.
 
-    length: samples per window of the TV. rate_hz: of its stream. width: of the token.
+    length: samples per window of the TV. rate_hz: of its stream. width: of the output.
     """
 
     weights: Tensor
-    mean: Tensor
-    sd: Tensor
 
     def __init__(self, length: int, rate_hz: float, width: int) -> None:
-        super().__init__()
+        super().__init__(N_RECENT, nn.Sequential(nn.Linear(N_RECENT, width), nn.GELU(), nn.Linear(width, width)))
         # The columns are linear in the samples, and the same for each component: their weights answer unit impulses.
         impulses = np.zeros((length, N_STATES, length), np.float32)
         impulses[:, 2] = np.eye(length, dtype=np.float32)
         columns = recent_motion(Windows(impulses, impulses[:, :, :1]), rate_hz)
         self.register_buffer("weights", torch.from_numpy(columns[:, : N_RECENT // (N_STATES - 2)].copy()))
-        self.register_buffer("mean", torch.zeros(N_RECENT))
-        self.register_buffer("sd", torch.ones(N_RECENT))
-        self.mlp = nn.Sequential(nn.Linear(N_RECENT, width), nn.GELU(), nn.Linear(width, width))
 
-    def columns(self, tv: Tensor) -> Tensor:
-        """Return the columns on recent motion, (B, 20), of a stream (B, 6, T)."""
+    def columns(self, *streams: Tensor) -> Tensor:
+        [tv] = streams
         return (tv[:, 2:] @ self.weights).flatten(1)
-
-    def fit_scale(self, tv: Tensor) -> None:
-        """Set the scale to that of training windows, (n, 6, T)."""
-        columns = self.columns(tv)
-        self.mean.copy_(columns.mean(dim=0))
-        self.sd.copy_(columns.std(dim=0, correction=0) + 1e-6)
-
-    def forward(self, tv: Tensor) -> Tensor:
-        """Return the token, (B, 1, width), of a stream (B, 6, T)."""
-        return torch.as_tensor(self.mlp((self.columns(tv) - self.mean) / self.sd))[:, None]
 
 
 def window_statistics(*streams: Tensor) -> Tensor:

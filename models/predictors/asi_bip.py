@@ -17,7 +17,7 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.networks.lstms import has_bfloat16, outputs
 from isac_cosim.models.networks.network import MOST_LAYERS, N_STATES, WindowNetwork, linear_head
-from isac_cosim.models.networks.statistics_branch import RecentToken, StatisticsBranch
+from isac_cosim.models.networks.statistics_branch import RecentMotionBranch, StatisticsBranch
 from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
 
@@ -107,7 +107,7 @@ class AsiBip(WindowNetwork):
             if settings.statistics
             else None
         )
-        self.recent = None if recent_hz is None else RecentToken(tv_length, recent_hz, settings.width)
+        self.recent = None if recent_hz is None else RecentMotionBranch(tv_length, recent_hz, settings.width)
         self.class_token = _learned(1, settings.width)
         self.encoder = ClassTokenEncoder(settings)
         self.norm = nn.LayerNorm(settings.width)
@@ -130,7 +130,7 @@ class AsiBip(WindowNetwork):
         class_token = self.class_token.expand(tv.shape[0], -1, -1)
         if self.statistics is not None:
             class_token = class_token + self.statistics(*self._streams(tv, uv))[:, None]
-        more = [] if self.recent is None else [self.recent(tv)]
+        more = [] if self.recent is None else [self.recent(tv)[:, None]]
         branches = [branch for branch in (self.tv_branch, self.uv_branch) if branch is not None]
         tv, uv = (resampled(x, length) for x, length in zip((tv, uv), self.lengths, strict=True))
         tokens = tokens_of(branches, self._streams(tv, uv))

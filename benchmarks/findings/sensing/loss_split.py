@@ -23,7 +23,7 @@ import json
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -143,24 +143,32 @@ class Split:
         sensed = [of.sense() for of in seeds]
         return {way: [of[way] for of in sensed] for way in (SINGLE, *self.scenes)}
 
-    def records(self, datasets: Mapping[str, Sequence[Dataset]]) -> dict[str, Records]:
-        """Return what is known of the records that no way has lost, by way, the truth first."""
+    @property
+    def ways(self) -> tuple[str, ...]:
+        """Every way that is compared, the truth first."""
+        return (TRUTH, SINGLE, *self.scenes, *self.parts)
+
+    def records(
+        self, datasets: Mapping[str, Sequence[Dataset]], ways: Sequence[str] | None = None
+    ) -> dict[str, Records]:
+        """Return what is known of the records that no way has lost, by way. ways: those to read, by default all."""
         kept = [
             set.intersection(*(set(of[k].frame(["sample_id"])["sample_id"]) for of in datasets.values()))
             for k in range(len(self.seeds))
         ]
-        columns: dict[str, tuple[str, Literal["tv", "tv_truth"]]] = {TRUTH: (SINGLE, "tv_truth")}
-        columns |= {way: (way, "tv") for way in datasets}
-        result = {
-            way: _together(
+
+        @cache
+        def known(way: str) -> Records:
+            if way in self.parts:
+                whole, part = way.split(": ")
+                return _with_part(known(TRUTH), known(whole), part)
+            source = SINGLE if way == TRUTH else way
+            column: Literal["tv", "tv_truth"] = "tv_truth" if way == TRUTH else "tv"
+            return _together(
                 [_only(Records.of(of, column), ids) for of, ids in zip(datasets[source], kept, strict=True) if len(of)]
             )
-            for way, (source, column) in columns.items()
-        }
-        for of in self.parts:
-            way, part = of.split(": ")
-            result[of] = _with_part(result[TRUTH], result[way], part)
-        return result
+
+        return {way: known(way) for way in ways or self.ways}
 
     def answers(self, records: Mapping[str, Records]) -> dict[str, dict[str, Counts]]:
         """Return the counts of each predictor and way, trained now unless the file has them of the same records.
@@ -198,7 +206,7 @@ class Split:
 def _answer(split: Split, asked: tuple[str, str]) -> Counts:
     """Return the counts of a predictor and a way, in a worker, which reads the records itself."""
     model, way = asked
-    return cross_validated(split.records(split.sense())[way], model)
+    return cross_validated(split.records(split.sense(), [way])[way], model)
 
 
 def cross_validated(records: Records, model: str) -> Counts:

@@ -7,7 +7,7 @@ from torch import nn
 from isac_cosim.models.data.statistics import recent_motion, statistics
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.lstms import has_bfloat16
-from isac_cosim.models.networks.statistics_branch import RecentToken, window_statistics
+from isac_cosim.models.networks.statistics_branch import RecentMotionBranch, window_statistics
 from isac_cosim.models.predictors import asi_bip
 from isac_cosim.models.predictors.asi_bip import (
     AsiBip,
@@ -116,7 +116,7 @@ def test_the_token_of_recent_motion_has_the_columns_of_the_trees(length: int, ra
     tv = 5 * torch.randn(4, 6, length)
     expected = recent_motion(Windows(tv.numpy(), tv.numpy()), rate_hz)
     torch.testing.assert_close(
-        RecentToken(length, rate_hz, 8).columns(tv), torch.from_numpy(expected), atol=1e-3, rtol=1e-4
+        RecentMotionBranch(length, rate_hz, 8).columns(tv), torch.from_numpy(expected), atol=1e-3, rtol=1e-4
     )
 
 
