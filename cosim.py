@@ -202,6 +202,7 @@ def train(
     epochs: own.Epochs = None,
     seed: own.TrainingSeed = 0,
     held_out: own.HeldOut = None,
+    training_share: own.TrainingShare = 1.0,
     uv: own.SeesUv = True,
     lanes: own.SeesLanes = True,
     truth: own.TrueTraining = False,
@@ -215,7 +216,7 @@ def train(
     """
     from isac_cosim.command_line.training import TrainArguments, train_and_show
 
-    arguments = TrainArguments(model, epochs, seed, held_out, uv, lanes, truth, log)
+    arguments = TrainArguments(model, epochs, seed, held_out, training_share, uv, lanes, truth, log)
     output.print_json(as_json, train_and_show(dataset, out, arguments, output.console_of(quiet)))
 
 

@@ -90,6 +90,12 @@ HeldOut = Annotated[
     str | None,
     typer.Option(metavar="INTENTION", help="Leave this intention out of training; it is then unknown in evaluation."),
 ]
+TrainingShare = Annotated[
+    float,
+    typer.Option(
+        metavar="SHARE", help="Train on this share of the training seeds, to see what more driving would give."
+    ),
+]
 SeesUv = Annotated[bool, typer.Option("--uv/--no-uv", help="On streams: whether the predictor sees the UV's reports.")]
 SeesLanes = Annotated[
     bool, typer.Option("--lanes/--no-lanes", help="On streams: whether the predictor sees the lanes.")

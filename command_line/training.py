@@ -31,6 +31,7 @@ class TrainArguments:
     epochs: int | None
     seed: int
     held_out: str | None
+    training_share: float = 1.0
     uv: bool = True
     lanes: bool = True
     truth: bool = False
@@ -56,6 +57,7 @@ class TrainArguments:
             "model": model,
             "seed": self.seed,
             "held_out": self.held_out,
+            "split": {"training_share": self.training_share},
             "optimiser": {} if self.epochs is None else {"epochs": self.epochs},
         }
         if of_streams:

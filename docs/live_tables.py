@@ -1,11 +1,12 @@
 """The tables of docs/live.md and docs/live/tables.md, from what `cosim evaluate RUN --traffic SCENARIO` measured.
 
-    python docs/live_tables.py METRICS.json [FURTHER.json ...]
+    python docs/live_tables.py [--apart] METRICS.json [FURTHER.json ...]
 
 Prints them in Markdown. Predictors of further evaluations of the same traffic, where they are there, stand beside that
 of the first. Of several trainings of one predictor, a cell is their mean, with the standard deviation, and the 95 %
-interval over the measured seeds is that of the first. Of an evaluation with `--advisories`, the tables are the arms of
-the closed loop.
+interval over the measured seeds is that of the first. With `--apart`, each run has a row of its own, with the name of
+its folder, and there are the first tables alone. Of an evaluation with `--advisories`, the tables are the arms of the
+closed loop.
 """
 
 from __future__ import annotations
@@ -58,8 +59,12 @@ def read_result(path: Path) -> TrafficResult:
     return (ClosedLoopResult if "arms" in content else TrafficResult).model_validate(content)
 
 
-def tables(result: TrafficResult, further: Sequence[TrafficResult] = ()) -> Iterator[str]:
-    """Yield each table with its heading. further: of the same traffic, whose predictors are compared."""
+def tables(result: TrafficResult, further: Sequence[TrafficResult] = (), apart: bool = False) -> Iterator[str]:
+    """Yield each table with its heading.
+
+    further: of the same traffic, whose predictors are compared. apart: whether each run has a row of its own, in the
+    first tables alone.
+    """
     if isinstance(result, ClosedLoopResult):
         yield _arms(f"Arms of the closed loop, {result.scenario}", result)
         yield _against_none(f"Arms against none, {result.scenario}", result)
@@ -68,7 +73,14 @@ def tables(result: TrafficResult, further: Sequence[TrafficResult] = ()) -> Iter
     where = f"{result.scenario}, {world}"
     if result.made_by.study.dataset.sensing.scene is not None:
         where += ", a scene"
-    yield _recalls(f"All maneuvers, {where}", of_five(result, further))
+    if apart:
+        where += ", run by run"
+    yield _recalls(f"All maneuvers, {where}", of_five(result, further, apart))
+    if apart:
+        yield _asked(
+            f"What an operator asks, {where}", beside(asked_of(result), result.compared, {}, result.name, apart=True)
+        )
+        return
     yield _recalls(f"Six intentions, {where}", beside(result, result.baselines, {of.name: of for of in further}))
     asked = beside(asked_of(result), result.compared, {of.name: asked_of(of) for of in further}, result.name)
     yield _asked(f"What an operator asks, {where}", asked)
@@ -82,11 +94,13 @@ def tables(result: TrafficResult, further: Sequence[TrafficResult] = ()) -> Iter
     yield _driving(f"Driving time, {where}", result)
 
 
-def of_five(result: TrafficResult, further: Sequence[TrafficResult] = ()) -> dict[str, list[AlarmResult]]:
+def of_five(
+    result: TrafficResult, further: Sequence[TrafficResult] = (), apart: bool = False
+) -> dict[str, list[AlarmResult]]:
     """Return the scores with five intentions, by predictor and training."""
     assert result.five_classes is not None
     others = {of.name: of.five_classes for of in further if of.five_classes is not None}
-    return beside(result.five_classes, result.five_classes.baselines, others)
+    return beside(result.five_classes, result.five_classes.baselines, others, apart=apart)
 
 
 def asked_of(result: TrafficResult) -> Headlines:
@@ -94,16 +108,20 @@ def asked_of(result: TrafficResult) -> Headlines:
     return Headlines(prediction=result.prediction, recognition=result.recognition)
 
 
-def beside(own: Of, compared: Mapping[str, Of], further: Mapping[str, Of], name: str = "") -> dict[str, list[Of]]:
+def beside(
+    own: Of, compared: Mapping[str, Of], further: Mapping[str, Of], name: str = "", apart: bool = False
+) -> dict[str, list[Of]]:
     """Return a run's scores and those that it is compared with by the names of predictors, with all trainings of one.
 
-    name: of the run; `own.name` if empty. Random alarms are left out.
+    name: of the run; `own.name` if empty. apart: whether trainings of one predictor stay apart. Random alarms are left
+    out.
     """
     shown = {name or own.name: own, **compared, **further}  # type: ignore[attr-defined]
     found: dict[str, list[Of]] = {}
     for predictor, scores in shown.items():
         if predictor != RANDOM:
-            found.setdefault(SHOWN.get(predictor, predictor).partition(", ")[0], []).append(scores)
+            shown_name = SHOWN.get(predictor, predictor)
+            found.setdefault(shown_name if apart else shown_name.partition(", ")[0], []).append(scores)
     return found
 
 
@@ -311,8 +329,9 @@ def _part(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str
 
 def main() -> None:
     """Print the tables of the results that the command line names."""
-    first, *further = map(Path, sys.argv[1:])
-    for part in tables(read_result(first), [read_result(path) for path in further if path.is_file()]):
+    apart, names = "--apart" in sys.argv, [argument for argument in sys.argv[1:] if argument != "--apart"]
+    first, *further = map(Path, names)
+    for part in tables(read_result(first), [read_result(path) for path in further if path.is_file()], apart):
         print(part)
 
 

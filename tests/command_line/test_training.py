@@ -12,7 +12,7 @@ import cosim
 from isac_cosim.base.feedback import Feedback, Foreword
 from isac_cosim.command_line import training
 from isac_cosim.models.networks.fitting import CHECKPOINTS, LOGS
-from isac_cosim.models.runs.run import CARD_FILE
+from isac_cosim.models.runs.run import CARD_FILE, read_card
 from tests.support.forged import forge_dataset
 from tests.support.made_up_dataset import write_dataset
 
@@ -73,6 +73,16 @@ def test_a_training_still_warns_of_what_its_scores_lack(
         lines = capfd.readouterr().err.splitlines()
         assert lines
         assert all(line.startswith("warning: ") for line in lines)
+
+
+def test_a_training_on_a_share_of_the_seeds_leaves_the_others_unused(folder: Path) -> None:
+    command = ["train", "data", "-o", "new", "--model", "rule", "--quiet", "--training-share"]
+    assert cosim.main([*command, "1.5"]) == 2
+    write_dataset(folder / "more", seeds=6, per_class=1)
+    command[1] = "more"
+    assert cosim.main([*command, "0.5"]) == 0
+    split = read_card(folder / "new").split
+    assert split["train"] and split["unused"]
 
 
 def test_a_foreword_comes_once_and_before_the_first_report() -> None:
