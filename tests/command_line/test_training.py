@@ -82,7 +82,8 @@ def test_a_training_on_a_share_of_the_seeds_leaves_the_others_unused(folder: Pat
     command[1] = "more"
     assert cosim.main([*command, "0.5"]) == 0
     split = read_card(folder / "new").split
-    assert split["train"] and split["unused"]
+    assert split["train"]
+    assert split["unused"]
 
 
 def test_a_foreword_comes_once_and_before_the_first_report() -> None:
