@@ -126,8 +126,9 @@ class Maker:
         write(begun, record)
         cost = spoken_time(60.0 * stage.cost_min)
         self.feedback.message(f"{name}: about {cost} on two cores; prints to {folder / LOG}")
-        for result in stage.results:
-            (self.root / result).parent.mkdir(parents=True, exist_ok=True)
+        for folder_of_results in {Path(result).parent for result in stage.results}:
+            if "*" not in folder_of_results.as_posix():
+                (self.root / folder_of_results).mkdir(parents=True, exist_ok=True)
         with (folder / LOG).open("a", encoding="utf-8") as log:
             for command in stage.commands:
                 print(f"$ {command}", file=log, flush=True)

@@ -87,6 +87,16 @@ def test_a_stage_makes_its_results_and_rewrites_the_table_of_its_page(root: Path
     assert page == PAGE.replace("| 3 |", "| 12 |").replace("3 samples", "12 samples")
 
 
+def test_the_folders_of_a_pattern_are_the_commands_own(root: Path) -> None:
+    plan = root / "plan.toml"
+    plan.write_text(PLAN.replace('["results/figures/data/set/count"]', '["results/figures/data/*/count"]'))
+    assert run(root) == 1
+    assert not (root / "results/figures/data/*").exists()
+    plan.write_text(plan.read_text().replace('commands = ["echo run', 'commands = ["mkdir $FIGURES/data/set; echo run'))
+    shutil.rmtree(root / "results")
+    assert run(root) == 0
+
+
 def test_sentences_are_claimed_by_hand(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """They quote figures, and no command rewrites them."""
     run(root)
