@@ -6,6 +6,8 @@ import doctest
 import io
 import runpy
 import shlex
+import subprocess
+import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -43,6 +45,10 @@ def printed(command: str, monkeypatch: pytest.MonkeyPatch) -> str:
     if program == "cat":
         return (ROOT / arguments[0]).read_text(encoding="utf-8")
     assert program == "python", command
+    if arguments[0] == "-m":
+        return subprocess.run(
+            [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, encoding="utf-8", check=True
+        ).stdout
     monkeypatch.setattr("sys.argv", arguments)
     monkeypatch.chdir(ROOT)
     output = io.StringIO()
