@@ -73,16 +73,15 @@ def tables(result: TrafficResult, further: Sequence[TrafficResult] = (), apart: 
     where = f"{result.scenario}, {world}"
     if result.made_by.study.dataset.sensing.scene is not None:
         where += ", a scene"
+    asked_by = {of.name: asked_of(of) for of in further}
+    asked = beside(asked_of(result), result.compared, asked_by, result.name, apart)
     if apart:
         where += ", run by run"
     yield _recalls(f"All maneuvers, {where}", of_five(result, further, apart))
     if apart:
-        yield _asked(
-            f"What an operator asks, {where}", beside(asked_of(result), result.compared, {}, result.name, apart=True)
-        )
+        yield _asked(f"What an operator asks, {where}", asked)
         return
     yield _recalls(f"Six intentions, {where}", beside(result, result.baselines, {of.name: of for of in further}))
-    asked = beside(asked_of(result), result.compared, {of.name: asked_of(of) for of in further}, result.name)
     yield _asked(f"What an operator asks, {where}", asked)
     if budgets := list(_budgets(asked)):
         yield _part(f"A budget for each intention, {where}", BUDGETS, budgets)
