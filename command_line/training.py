@@ -53,6 +53,8 @@ class TrainArguments:
         registry = STREAM_PREDICTORS if of_streams else PREDICTORS
         if self.epochs is not None and model in registry and not registry[model].is_network:
             raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
+        if not 0.0 < self.training_share <= 1.0:
+            raise InputError(f"--training-share {self.training_share:g}: give a share above 0, and 1 at most")
         content: dict[str, Any] = {
             "model": model,
             "seed": self.seed,

@@ -75,9 +75,13 @@ def test_a_training_still_warns_of_what_its_scores_lack(
         assert all(line.startswith("warning: ") for line in lines)
 
 
-def test_a_training_on_a_share_of_the_seeds_leaves_the_others_unused(folder: Path) -> None:
+def test_a_training_on_a_share_of_the_seeds_leaves_the_others_unused(
+    folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     command = ["train", "data", "-o", "new", "--model", "rule", "--quiet", "--training-share"]
-    assert cosim.main([*command, "1.5"]) == 2
+    for share in ("1.5", "0", "nan"):
+        assert cosim.main([*command, share]) == 2
+        assert f"--training-share {share}: give a share" in capfd.readouterr().err
     write_dataset(folder / "more", seeds=6, per_class=1)
     command[1] = "more"
     assert cosim.main([*command, "0.5"]) == 0

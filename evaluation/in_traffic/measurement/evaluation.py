@@ -194,7 +194,7 @@ def evaluate_traffic(
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
-    for remark in source.remarks(scenario):
+    for remark in [*source.remarks(scenario), *_without_lanes(named, study)]:
         feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(
@@ -307,6 +307,16 @@ def _named(run: Run, against: Sequence[Run]) -> dict[str, Run]:
         name if names.count(name) == 1 else f"{name} {k + 1}": compared
         for k, (name, compared) in enumerate(zip(names, against, strict=True))
     }
+
+
+def _without_lanes(named: Mapping[str, Run], study: LiveStudy) -> list[str]:
+    """Return one line for each compared run whose alarms do without the lanes that it would have by itself."""
+    return [
+        f"{name}: was trained on records, and raises its alarms without the lanes where it is only compared; "
+        "evaluate it by itself for alarms with them"
+        for name, compared in named.items()
+        if study.live.background.lanes and not compared.is_of_streams
+    ]
 
 
 def _begin(out: Path, begun: BegunEvaluation) -> None:

@@ -13,7 +13,12 @@ import pytest
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.evaluation.in_traffic.measurement import evaluation as of_traffic
-from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of, warnings
+from isac_cosim.evaluation.in_traffic.measurement.evaluation import (
+    _without_lanes,
+    evaluate_traffic,
+    study_of,
+    warnings,
+)
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
@@ -255,6 +260,14 @@ def test_a_run_of_other_windows_cannot_be_compared(
     slow = replace(trees_run, card=trees_run.card.model_copy(update={"tv_rate_hz": 200.0}))
     with pytest.raises(InputError, match="takes windows of other rates or another length"):
         evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), against=[slow], source=source)
+
+
+def test_a_run_of_records_is_said_to_be_compared_without_lanes(trees_run: Run, study: LiveStudy) -> None:
+    (line,) = _without_lanes({"trees": trees_run}, study)
+    assert line.startswith("trees: was trained on records, and raises its alarms without the lanes")
+    off = study.live.background.model_copy(update={"lanes": False})
+    blind = study.model_copy(update={"live": study.live.model_copy(update={"background": off})})
+    assert _without_lanes({"trees": trees_run}, blind) == []
 
 
 def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, folder: Path) -> None:
