@@ -200,12 +200,13 @@ def train(
     out: opt.Out,
     model: own.Model = None,
     epochs: own.Epochs = None,
-    seed: own.TrainingSeed = 0,
+    seed: own.TrainingSeed = None,
     held_out: own.HeldOut = None,
-    training_share: own.TrainingShare = 1.0,
-    uv: own.SeesUv = True,
-    lanes: own.SeesLanes = True,
-    truth: own.TrueTraining = False,
+    training_share: own.TrainingShare = None,
+    uv: own.SeesUv = None,
+    lanes: own.SeesLanes = None,
+    truth: own.TrueTraining = None,
+    study: own.TrainingStudy = None,
     log: own.Log = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
@@ -216,7 +217,7 @@ def train(
     """
     from isac_cosim.command_line.training import TrainArguments, train_and_show
 
-    arguments = TrainArguments(model, epochs, seed, held_out, training_share, uv, lanes, truth, log)
+    arguments = TrainArguments(model, epochs, seed, held_out, training_share, uv, lanes, truth, log, study)
     output.print_json(as_json, train_and_show(dataset, out, arguments, output.console_of(quiet)))
 
 

@@ -84,23 +84,34 @@ Model = Annotated[
 ]
 Epochs = Annotated[int | None, typer.Option(min=1, help="Train for at most this many epochs.")]
 TrainingSeed = Annotated[
-    int, typer.Option(min=0, max=2**32 - 1, help="Seed of initial weights, window ends and batches.")
+    int | None,
+    typer.Option(min=0, max=2**32 - 1, help="Seed of initial weights, window ends and batches. Default: 0."),
 ]
 HeldOut = Annotated[
     str | None,
     typer.Option(metavar="INTENTION", help="Leave this intention out of training; it is then unknown in evaluation."),
 ]
 TrainingShare = Annotated[
-    float,
+    float | None,
     typer.Option(
         metavar="SHARE", help="Train on this share of the training seeds, to see what more driving would give."
     ),
 ]
-SeesUv = Annotated[bool, typer.Option("--uv/--no-uv", help="On streams: whether the predictor sees the UV's reports.")]
-SeesLanes = Annotated[
-    bool, typer.Option("--lanes/--no-lanes", help="On streams: whether the predictor sees the lanes.")
+SeesUv = Annotated[
+    bool | None, typer.Option("--uv/--no-uv", help="On streams: whether the predictor sees the UV's reports.")
 ]
-TrueTraining = Annotated[bool, typer.Option("--truth", help="On streams: train on the TVs' true motion.")]
+SeesLanes = Annotated[
+    bool | None, typer.Option("--lanes/--no-lanes", help="On streams: whether the predictor sees the lanes.")
+]
+TrueTraining = Annotated[
+    bool | None, typer.Option("--truth", help="On streams: train on the TVs' true motion.", show_default=False)
+]
+TrainingStudy = Annotated[
+    Path | None,
+    typer.Option(
+        "--study", metavar="FILE", help="Take the settings of [training] from this study; options replace its own."
+    ),
+]
 Log = Annotated[
     str | None,
     typer.Option(metavar="tensorboard", help="Write the curves of a network for TensorBoard as well, into the run."),

@@ -25,46 +25,75 @@ LOGS = "tensorboard"
 
 @dataclass(frozen=True)
 class TrainArguments:
-    """The options of `train`; model: None for the default. uv, lanes, truth: of a training on streams."""
+    """The options of `train`; None where one is not given. uv, lanes, truth: of a training on streams.
 
-    model: str | None
-    epochs: int | None
-    seed: int
-    held_out: str | None
-    training_share: float = 1.0
-    uv: bool = True
-    lanes: bool = True
-    truth: bool = False
+    study: file whose `[training]` holds where no option says otherwise.
+    """
+
+    model: str | None = None
+    epochs: int | None = None
+    seed: int | None = None
+    held_out: str | None = None
+    training_share: float | None = None
+    uv: bool | None = None
+    lanes: bool | None = None
+    truth: bool | None = None
     log: str | None = None
+    study: Path | None = None
 
     def settings(self, of_streams: bool) -> TrainSettings:
         """Return the settings of the training. Raises InputError if options do not fit each other or the data."""
-        from isac_cosim.base.settings import checked
+        from isac_cosim.base.settings import checked, merged
         from isac_cosim.models import DEFAULT
         from isac_cosim.models.hazards.registry import DEFAULT as DEFAULT_ON_STREAMS
         from isac_cosim.models.hazards.registry import STREAM_PREDICTORS
         from isac_cosim.models.predictors.registry import PREDICTORS
         from isac_cosim.models.runs.settings import TrainSettings
 
-        given = {"--no-uv": not self.uv, "--no-lanes": not self.lanes, "--truth": self.truth}
-        if not of_streams and (wrong := [option for option, is_given in given.items() if is_given]):
+        seen = {"uv": self.uv, "lanes": self.lanes, "truth": self.truth}
+        wrong = [f"--{name}" if value else f"--no-{name}" for name, value in seen.items() if value is not None]
+        if not of_streams and wrong:
             raise InputError(f"{wrong[0]} applies to streams, and this is a dataset of records; remove it")
-        model = self.model or (DEFAULT_ON_STREAMS if of_streams else DEFAULT)
-        registry = STREAM_PREDICTORS if of_streams else PREDICTORS
-        if self.epochs is not None and model in registry and not registry[model].is_network:
-            raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
-        if not 0.0 < self.training_share <= 1.0:
+        if self.training_share is not None and not 0.0 < self.training_share <= 1.0:
             raise InputError(f"--training-share {self.training_share:g}: give a share above 0, and 1 at most")
-        content: dict[str, Any] = {
-            "model": model,
+        content = self._of_study()
+        if not of_streams and "streams" in content:
+            raise InputError(f"{self.study}: has [training.streams], and this is a dataset of records; remove it")
+        options: dict[str, Any] = {
+            "model": self.model or content.get("model") or (DEFAULT_ON_STREAMS if of_streams else DEFAULT),
             "seed": self.seed,
             "held_out": self.held_out,
             "split": {"training_share": self.training_share},
-            "optimiser": {} if self.epochs is None else {"epochs": self.epochs},
+            "optimiser": {"epochs": self.epochs},
         }
         if of_streams:
-            content["streams"] = {"uv": self.uv, "lanes": self.lanes, "truth": self.truth}
-        return checked(TrainSettings, content, "arguments")
+            options["streams"] = seen
+        registry = STREAM_PREDICTORS if of_streams else PREDICTORS
+        model = options["model"]
+        if self.epochs is not None and model in registry and not registry[model].is_network:
+            raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
+        where = f"{self.study}, [training]" if self.study else "arguments"
+        return checked(TrainSettings, merged(content, _given(options)), where)
+
+    def _of_study(self) -> dict[str, Any]:
+        """Return `[training]` of the study, as it stands there. Raises InputError where there is none."""
+        from isac_cosim.base.settings import read_toml
+
+        if self.study is None:
+            return {}
+        content = read_toml(self.study).get("training")
+        if not isinstance(content, dict):
+            raise InputError(f"{self.study}: has no section [training]; give a study that has one")
+        return content
+
+
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that are given, and sections with at least their given ones."""
+    return {
+        name: _given(value) if isinstance(value, dict) else value
+        for name, value in options.items()
+        if value is not None
+    }
 
 
 def train_and_show(data: Path, out: Path, arguments: TrainArguments, console: Console) -> dict[str, Any]:

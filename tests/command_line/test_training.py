@@ -12,6 +12,7 @@ import cosim
 from isac_cosim.base.feedback import Feedback, Foreword
 from isac_cosim.command_line import training
 from isac_cosim.models.networks.fitting import CHECKPOINTS, LOGS
+from isac_cosim.models.predictors.aligned import AlignedSettings
 from isac_cosim.models.runs.run import CARD_FILE, read_card
 from tests.support.forged import forge_dataset
 from tests.support.made_up_dataset import write_dataset
@@ -88,6 +89,36 @@ def test_a_training_on_a_share_of_the_seeds_leaves_the_others_unused(
     split = read_card(folder / "new").split
     assert split["train"]
     assert split["unused"]
+
+
+def test_a_study_gives_the_settings_that_no_option_names(folder: Path) -> None:
+    text = "model = 'aligned'\nseed = 3\naligned.hidden = 8\noptimiser = { epochs = 1, learning_rate = 0.01 }"
+    (folder / "study.toml").write_text(f"[training]\n{text}")
+    command = ["train", "data", "--quiet", "--study", "study.toml", "-o"]
+    assert cosim.main([*command, "new"]) == 0
+    settings = read_card(folder / "new").settings
+    assert (settings.model, settings.seed, settings.optimiser.learning_rate) == ("aligned", 3, 0.01)
+    assert settings.of(AlignedSettings).hidden == 8
+    assert cosim.main([*command, "trees", "--model", "trees", "--seed", "4"]) == 0
+    settings = read_card(folder / "trees").settings
+    assert (settings.model, settings.seed) == ("trees", 4)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[dataset]", "study.toml: has no section [training]"),
+        ("training = 3", "study.toml: has no section [training]"),
+        ("[training.streams]\nuv = false", "study.toml: has [training.streams], and this is a dataset of records"),
+        ("[training]\nmodle = 'trees'", "study.toml, [training]: modle: unknown key"),
+    ],
+)
+def test_a_study_without_settings_of_this_training_is_refused(
+    folder: Path, capfd: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
+    (folder / "study.toml").write_text(text)
+    assert cosim.main(["train", "data", "--quiet", "--study", "study.toml", "-o", "new"]) == 2
+    assert said in capfd.readouterr().err
 
 
 def test_a_foreword_comes_once_and_before_the_first_report() -> None:
