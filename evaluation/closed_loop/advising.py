@@ -141,9 +141,11 @@ def ease_off(
 ) -> Steps:
     """Slow a vehicle by `drop_mps` at up to `peak_mps2`, hold the lower speed for `settings.hold_s`, and let go.
 
-    The speed is never raised, and the driver may brake harder on its own.
+    The speed is never raised, and the driver may brake harder on its own, as hard as it can.
     """
-    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    # Without bit 2, by which SUMO keeps a vehicle whose speed is set from braking harder than is comfortable.
+    mode = DEFAULT_SPEED_MODE & ~4
+    sumo.vehicle.setSpeedMode(vehicle, mode)
     speed = float(sumo.vehicle.getSpeed(vehicle))
     acceleration = float(sumo.vehicle.getAcceleration(vehicle))
     goal = max(speed - drop_mps, settings.least_share * speed)
@@ -162,10 +164,12 @@ def ease_off(
         speed = min(speed, float(sumo.vehicle.getSpeed(vehicle)))
         sumo.vehicle.setSpeed(vehicle, speed)
         yield
-    yield from release(sumo, vehicle, step_s)
+    yield from release(sumo, vehicle, step_s, mode)
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
 
 
 def _let_go(sumo: Any, vehicle: str) -> None:
     """Give a vehicle back to its driver at once."""
     sumo.vehicle.setSpeed(vehicle, -1)
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
     sumo.vehicle.setLaneChangeMode(vehicle, DEFAULT_LANE_CHANGE_MODE)

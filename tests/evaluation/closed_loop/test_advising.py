@@ -12,6 +12,7 @@ from isac_cosim.evaluation.closed_loop.advising import Advisor
 from isac_cosim.evaluation.closed_loop.policy import Advisory, Instruction
 from isac_cosim.evaluation.closed_loop.settings import AdvisorySettings
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import UNCHECKED_SPEED_MODE
 from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
@@ -68,6 +69,28 @@ def test_a_vehicle_slows_holds_and_goes_on_without_a_jump(
     # SUMO's drivers decide ten times a second, so the jerk is judged over such an interval.
     assert np.abs(acceleration[10:] - acceleration[:-10]).max() < 0.5
     assert [sent.fate for sent in advisor.sent] == ["followed"]
+
+
+def test_a_vehicle_that_slows_on_advice_still_brakes_as_hard_as_it_can(tmp_path: Path) -> None:
+    """With a speed set, SUMO would let it brake by the comfortable deceleration only, and it would run into the TV."""
+    pair = vehicle("tv", position=60.0, speed=28.0) + vehicle("uv", position=10.0, speed=28.0)
+    scenario = load(straight_road(tmp_path / "pair0", pair))
+    advisor = Advisor(PROMPT, ("test",), TRAFFIC.step_s)
+    moments = record_stepwise(scenario, 1, TRAFFIC, ManeuverSettings.model_validate(LEFT_ALONE))
+    advisor.send(Advisory("uv", "slow", 3.0))
+    while True:
+        try:
+            moment = next(moments)
+        except StopIteration as stop:
+            recording: Recording = stop.value
+            break
+        if moment.time_s > 4.5 and "tv" in moment.sumo.vehicle.getIDList():
+            moment.sumo.vehicle.setSpeedMode("tv", UNCHECKED_SPEED_MODE)
+            speed = moment.sumo.vehicle.getSpeed("tv")
+            moment.sumo.vehicle.setSpeed("tv", max(speed - 9.0 * TRAFFIC.step_s, 0.0))
+        advisor.step(moment)
+    assert recording.incidents.collided == ()
+    assert (np.diff(recording.tracks["uv"].speed) / TRAFFIC.step_s).min() < -5.0
 
 
 def test_a_lane_is_held(tmp_path: Path) -> None:

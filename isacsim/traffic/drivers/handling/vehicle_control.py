@@ -78,15 +78,16 @@ def follow_profile(
         yield
 
 
-def release(sumo: Any, vehicle: str, step_s: float) -> Steps:
+def release(sumo: Any, vehicle: str, step_s: float, speed_mode: int = DEFAULT_SPEED_MODE) -> Steps:
     """Give the speed back to the driver without a jump.
 
     A driver that is released at once below its desired speed takes its full acceleration in one step. So the vehicle
     first coasts down to its desired speed if it is above, and then may accelerate more and more over `RELEASE_S`, until
-    the driver wants no more than that. The driver keeps its distance to the leader all the while.
+    the driver wants no more than that. The driver keeps its distance to the leader all the while. speed_mode: of SUMO,
+    what the driver still looks at.
     """
     driver_mps2 = sumo.vehicle.getAccel(vehicle)
-    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    sumo.vehicle.setSpeedMode(vehicle, speed_mode)
     yield from coast(sumo, vehicle, sumo.vehicle.getSpeedFactor(vehicle), step_s)
     speed = sumo.vehicle.getSpeed(vehicle)
     for share in np.linspace(0.0, 1.0, round(RELEASE_S / step_s))[1:]:
