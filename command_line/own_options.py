@@ -94,14 +94,17 @@ HeldOut = Annotated[
 TrainingShare = Annotated[
     float | None,
     typer.Option(
-        metavar="SHARE", help="Train on this share of the training seeds, to see what more driving would give."
+        metavar="SHARE",
+        help="Train on this share of the training seeds, to see what more driving would give. Default: 1.",
     ),
 ]
 SeesUv = Annotated[
-    bool | None, typer.Option("--uv/--no-uv", help="On streams: whether the predictor sees the UV's reports.")
+    bool | None,
+    typer.Option("--uv/--no-uv", help="On streams: whether the predictor sees the UV's reports; by default it does."),
 ]
 SeesLanes = Annotated[
-    bool | None, typer.Option("--lanes/--no-lanes", help="On streams: whether the predictor sees the lanes.")
+    bool | None,
+    typer.Option("--lanes/--no-lanes", help="On streams: whether the predictor sees the lanes; by default it does."),
 ]
 TrueTraining = Annotated[
     bool | None, typer.Option("--truth", help="On streams: train on the TVs' true motion.", show_default=False)

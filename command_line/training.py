@@ -59,20 +59,24 @@ class TrainArguments:
         content = self._of_study()
         if not of_streams and "streams" in content:
             raise InputError(f"{self.study}: has [training.streams], and this is a dataset of records; remove it")
+        content = {"model": DEFAULT_ON_STREAMS if of_streams else DEFAULT, **content}
+        if self.model:
+            content["model"] = self.model
         options: dict[str, Any] = {
-            "model": self.model or content.get("model") or (DEFAULT_ON_STREAMS if of_streams else DEFAULT),
             "seed": self.seed,
             "held_out": self.held_out,
             "split": {"training_share": self.training_share},
             "optimiser": {"epochs": self.epochs},
         }
         if of_streams:
+            content = {"streams": {}, **content}
             options["streams"] = seen
-        registry = STREAM_PREDICTORS if of_streams else PREDICTORS
-        model = options["model"]
-        if self.epochs is not None and model in registry and not registry[model].is_network:
-            raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
         where = f"{self.study}, [training]" if self.study else "arguments"
+        # By itself first: an option would otherwise replace a section that is no section, and hide that.
+        model = checked(TrainSettings, content, where).model
+        registry = STREAM_PREDICTORS if of_streams else PREDICTORS
+        if self.epochs is not None and not registry[model].is_network:
+            raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
         return checked(TrainSettings, merged(content, _given(options)), where)
 
     def _of_study(self) -> dict[str, Any]:

@@ -111,6 +111,8 @@ def test_a_study_gives_the_settings_that_no_option_names(folder: Path) -> None:
         ("training = 3", "study.toml: has no section [training]"),
         ("[training.streams]\nuv = false", "study.toml: has [training.streams], and this is a dataset of records"),
         ("[training]\nmodle = 'trees'", "study.toml, [training]: modle: unknown key"),
+        ("[training]\noptimiser = 3", "study.toml, [training]: optimiser"),
+        ("[training]\nmodel = ['trees']", "study.toml, [training]: model"),
     ],
 )
 def test_a_study_without_settings_of_this_training_is_refused(
