@@ -258,7 +258,7 @@ def _driving(title: str, result: TrafficResult) -> str:
 
 def _arms(title: str, result: ClosedLoopResult) -> str:
     """Return what each arm did, and what the vehicles near an alarm went through."""
-    head = ("arm", "alarms", "advisories", *(name for name, _ in SAFETY.values()), "collided")
+    head = ("arm", "alarms", "advisories", *(name for name, _ in SAFETY.values()), "collided", "of these advised")
     rows = [
         (
             arm,
@@ -266,6 +266,7 @@ def _arms(title: str, result: ClosedLoopResult) -> str:
             f"{measured.advisories}",
             *(_number(measured.after_alarms[key], digits) for key, (_, digits) in SAFETY.items()),
             f"{measured.collided}",
+            "-" if measured.collided_advised is None else f"{measured.collided_advised}",
         )
         for arm, measured in result.arms.items()
     ]

@@ -222,6 +222,7 @@ def measured(driven: DrivenArm) -> ArmEpisode:
                 instruction=item.advisory.instruction,
                 time_s=round(item.advisory.time_s, 6),
                 fate=item.fate,
+                begun_s=None if item.begun_s is None else round(item.begun_s, 6),
             )
             for item in driven.sent
         ),

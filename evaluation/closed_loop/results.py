@@ -32,7 +32,8 @@ class ArmResult(Settings):
     when the first was sent, s of simulation time, by seed; until then, the traffic is that of `none`.
     after_alarms: figures of the vehicles near an alarm, for some time after it, the same vehicles and times in every
     arm. all_traffic: of all vehicles all the time. difference: from `none`, of `after_alarms`.
-    difference_collided: from `none`, of the number of vehicles that collide in a seed; None in earlier results.
+    difference_collided: from `none`, of the number of vehicles that collide in a seed. collided_advised: how many of
+    those that collided followed an advisory, before or after it. Both are None in earlier results.
     """
 
     what: str
@@ -47,6 +48,7 @@ class ArmResult(Settings):
     difference: dict[str, ArmDifference]
     difference_all_traffic: dict[str, ArmDifference]
     difference_collided: ArmDifference | None = None
+    collided_advised: int | None = None
 
 
 class ClosedLoopLatency(Settings):

@@ -16,7 +16,7 @@ from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.evaluation.closed_loop.results import ArmDifference, ArmResult
 from isac_cosim.evaluation.closed_loop.safety import Encroachments, Totals, figures
 from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings, what
-from isac_cosim.evaluation.closed_loop.store import ArmEpisode
+from isac_cosim.evaluation.closed_loop.store import ArmEpisode, ArmFacts
 from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
 from isac_cosim.isacsim.sensing.sensors import DEFAULT
 
@@ -105,6 +105,7 @@ def arm_results(
             difference=differences(scored[arm], scored[REFERENCE]),
             difference_all_traffic=differences(everything[arm], everything[REFERENCE]),
             difference_collided=collisions(rows, episodes[REFERENCE]),
+            collided_advised=sum(len(collided_advised(episode.facts)) for episode in rows),
         )
     return results, sum(totals.hours for totals in scored[REFERENCE])
 
@@ -127,6 +128,11 @@ def collisions(arm: Sequence[ArmEpisode], reference: Sequence[ArmEpisode]) -> Ar
         return {"collided": (of_arm - base, (of_arm - base) / base if base else np.nan)}
 
     return _with_intervals(measure, len(arm))["collided"]
+
+
+def collided_advised(facts: ArmFacts) -> set[str]:
+    """Return the vehicles that collided and followed an advisory, for however long, before or after it."""
+    return {advisory.vehicle for advisory in facts.advisories if advisory.begun_s is not None} & {*facts.collided}
 
 
 def _with_intervals(

@@ -36,12 +36,16 @@ class AlarmFacts(Settings):
 
 
 class AdvisoryFacts(Settings):
-    """An advisory. time_s: when it was sent, s of simulation time. fate: what became of it (`Advisor`)."""
+    """An advisory. time_s: when it was sent, s of simulation time. fate: what became of it (`Advisor`).
+
+    begun_s: when the vehicle began to follow it; None if it did not.
+    """
 
     vehicle: str
     instruction: str
     time_s: float
     fate: str
+    begun_s: float | None
 
 
 class EncroachmentFacts(Settings):
@@ -61,7 +65,7 @@ class ArmFacts(Settings):
     were predicted. vehicles: on the road, without those that collided or teleported, which have no states.
     """
 
-    schema_version: Literal[2] = 2
+    schema_version: Literal[3] = 3
     fingerprint: str
     scenario: str
     seed: int

@@ -7,13 +7,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from isac_cosim.evaluation.closed_loop.results import ArmDifference, ClosedLoopResult
 from isac_cosim.evaluation.report.live_parts import between, number
 from isac_cosim.evaluation.report.parts import NO_VALUE, Part, Row, Shown, counted
+from isac_cosim.evaluation.statistics import Interval
 
 ARMS_FIGURE = "arms.png"
 ISAC = "isac"
 """The arm whose advisories come of what the network senses."""
-DANGER, TRAVEL = "ttc_below_1_5_s", "travel_s_per_km"
+DANGER, TRAVEL, COLLIDED = "ttc_below_1_5_s", "travel_s_per_km", "collided"
 """The figures that sum an arm up."""
-ARM, QUANTITY, CHANGE = "arm", "quantity", "against none %"
+ARM, QUANTITY, CHANGE, UNIT = "arm", "quantity", "against none", "unit"
 """Columns of the figure's table."""
 
 
@@ -82,13 +83,17 @@ class Advisories:
 
 
 def _seen(changes: Sequence[Row]) -> str:
-    """Return what there is to be seen in the figure: how the time in danger changes with each arm."""
-    said = "; ".join(
-        f"{row[ARM]} {row[CHANGE]:+.0f} %"
-        for row in changes
-        if row[QUANTITY] == DANGER and isinstance(row[CHANGE], float)
+    """Return what there is to be seen in the figure: how time in danger and collisions change with each arm."""
+    danger, collided = (
+        "; ".join(
+            f"{row[ARM]} {row[CHANGE]:+.{digits}f}{unit}"
+            for row in changes
+            if row[QUANTITY] == quantity and isinstance(row[CHANGE], float)
+        )
+        for quantity, digits, unit in ((DANGER, 0, " %"), (COLLIDED, 1, ""))
     )
-    return f"A mark with its interval for each quantity and arm. Time below 1.5 s of TTC: {said or 'not defined'}."
+    seen = f"A mark with its interval for each quantity and arm. Time below 1.5 s of TTC: {danger or 'not defined'}."
+    return f"{seen} Vehicles that collide in a seed: {collided}." if collided else seen
 
 
 def _arms(result: ClosedLoopResult) -> Iterable[Row]:
@@ -103,21 +108,30 @@ def _arms(result: ClosedLoopResult) -> Iterable[Row]:
             "DRAC > 3.4": number(values["drac_above_3_4_s"]),
             "against none": NO_VALUE if difference.relative is None else f"{100 * difference.relative:+.0f} %",
             "travel s/km": number(values["travel_s_per_km"]),
+            "collided": measured.collided,
+            "of these advised": NO_VALUE if measured.collided_advised is None else measured.collided_advised,
         }
 
 
 def _differences(result: ClosedLoopResult) -> Iterator[Row]:
-    """Yield by how much each arm differs from the traffic without advisories, percent, for each quantity."""
+    """Yield by how much each arm differs from the traffic without advisories, for each quantity."""
     for arm, measured in result.arms.items():
         for name, difference in measured.difference.items():
-            interval = difference.relative_interval
-            yield {
-                ARM: arm,
-                QUANTITY: name,
-                CHANGE: None if difference.relative is None else 100 * difference.relative,
-                "low": None if interval is None else 100 * interval.low,
-                "high": None if interval is None else 100 * interval.high,
-            }
+            yield _change(arm, name, difference.relative, difference.relative_interval, 100.0, "%")
+        collided = measured.difference_collided
+        if collided is not None:
+            yield _change(arm, COLLIDED, collided.value, collided.interval, 1.0, "vehicles in a seed")
+
+
+def _change(arm: str, quantity: str, value: float | None, interval: Interval | None, scale: float, unit: str) -> Row:
+    return {
+        ARM: arm,
+        QUANTITY: quantity,
+        CHANGE: None if value is None else scale * value,
+        "low": None if interval is None else scale * interval.low,
+        "high": None if interval is None else scale * interval.high,
+        UNIT: unit,
+    }
 
 
 def _arm_sentences(result: ClosedLoopResult) -> list[str]:

@@ -266,7 +266,8 @@ def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
         return ArmResult(
             what="", alarms=4, advisories=sent, fates={}, predicted_hours=1.0, collided=0, first_advisory_s={},
             after_alarms=dict(figures([totals])), all_traffic=dict(figures([totals])), difference=change,
-            difference_all_traffic=change,
+            difference_all_traffic=change, collided_advised=0,
+            difference_collided=change["ttc_below_1_5_s"],
         )  # fmt: skip
 
     facts = ClosedLoopFacts(
@@ -282,9 +283,15 @@ def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
     console = Console(file=io.StringIO(), width=140)
     (first,) = RESULT_PARTS["live-first"].parts(Shown(result, Path()))
     assert "trees: 2 arms on the same 3 seeds" in first.text
-    assert [figure for figure, _ in first.numbers] == ["-25.0 %", "+0.0 %"]
+    assert [figure for figure, _ in first.numbers] == ["-25.0 %", "+0.0 %", "-5.0"]
     parts = Advisories().parts(Shown(result, Path()))
-    assert parts[0].seen["arms.png"].endswith("Time below 1.5 s of TTC: none +0 %; isac -25 %.")
+    assert (
+        parts[0]
+        .seen["arms.png"]
+        .endswith(
+            "Time below 1.5 s of TTC: none +0 %; isac -25 %. Vehicles that collide in a seed: none +0.0; isac -5.0."
+        )
+    )
     terminal.show(parts, console)
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     assert "3.00 vehicle-hours after alarms, 3 seeds" in shown

@@ -17,6 +17,7 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome
 from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, CYCLE, GREY, figure
 from isac_cosim.evaluation.report.live_parts import FROZEN, LEAD, RATE, RECALL
 from isac_cosim.evaluation.report.parts import Row, write_table
+from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.labeling.intentions import KNOWN, spoken
 
 METHODS = {"reject": "unknown score", "background": 'with the answer "none"', "hazard": "log-odds"}
@@ -182,24 +183,37 @@ SHOWN = {
     "drac_above_3_4_s": "DRAC\nabove 3.4 m/s²",
     "travel_s_per_km": "travel time",
 }
-"""The figures that are drawn, and their titles."""
+"""The figures that are drawn in percent, and their titles. Collisions are drawn beside them, in vehicles a seed."""
 
 
 def arms(result: ClosedLoopResult, path: Path) -> None:
-    """Draw by how much each arm differs from `none`, percent, with the intervals over seeds."""
+    """Draw by how much each arm differs from `none`, percent, with the intervals over seeds; collisions in vehicles."""
     names = [arm for arm in result.arms if arm != REFERENCE]
-    with figure(path, 11, 1.6 + 0.42 * len(names)) as drawn:
-        for axes, (name, title) in zip(drawn.subplots(1, len(SHOWN), sharey=True), SHOWN.items(), strict=True):
-            axes.axvline(0.0, color=GREY, lw=1, ls="--")
-            for row, arm in enumerate(names):
-                difference = result.arms[arm].difference[name]
-                if difference.relative is None:
-                    axes.text(0.0, row, " undefined", va="center", fontsize=8, color=GREY)
-                    continue
-                interval = difference.relative_interval
-                if interval is not None:
-                    axes.plot([100 * interval.low, 100 * interval.high], [row, row], color=BLUE, lw=2)
-                axes.plot(100 * difference.relative, row, "D", color=BLUE, ms=6)
-            axes.set_yticks(range(len(names)), names)
-            axes.set(xlabel="against none, %", ylim=(len(names) - 0.5, -0.5))
-            axes.set_title(title)
+    with figure(path, 12.5, 1.6 + 0.42 * len(names)) as drawn:
+        *of_driving, of_collisions = drawn.subplots(1, len(SHOWN) + 1, sharey=True)
+        for axes, (name, title) in zip(of_driving, SHOWN.items(), strict=True):
+            differences = [result.arms[arm].difference[name] for arm in names]
+            marks = [(difference.relative, difference.relative_interval) for difference in differences]
+            _against_none(axes, title, "against none, %", marks, 100.0)
+        collided = [result.arms[arm].difference_collided for arm in names]
+        marks = [
+            (None, None) if difference is None else (difference.value, difference.interval) for difference in collided
+        ]
+        _against_none(of_collisions, "vehicles\nthat collide", "against none, in a seed", marks, 1.0)
+        of_collisions.set_yticks(range(len(names)), names)
+
+
+def _against_none(
+    axes: Axes, title: str, label: str, marks: Sequence[tuple[float | None, Interval | None]], scale: float
+) -> None:
+    """Draw a difference and its interval for each arm, times `scale`."""
+    axes.axvline(0.0, color=GREY, lw=1, ls="--")
+    for row, (value, interval) in enumerate(marks):
+        if value is None:
+            axes.text(0.0, row, " undefined", va="center", fontsize=8, color=GREY)
+            continue
+        if interval is not None:
+            axes.plot([scale * interval.low, scale * interval.high], [row, row], color=BLUE, lw=2)
+        axes.plot(scale * value, row, "D", color=BLUE, ms=6)
+    axes.set(xlabel=label, ylim=(len(marks) - 0.5, -0.5))
+    axes.set_title(title)

@@ -10,9 +10,16 @@ from scipy.stats import ttest_rel
 
 from isac_cosim.evaluation.closed_loop.episode import DrivenArm, measured
 from isac_cosim.evaluation.closed_loop.safety import Totals
-from isac_cosim.evaluation.closed_loop.scoring import arm_results, collisions, differences, rows_within, spans_of
+from isac_cosim.evaluation.closed_loop.scoring import (
+    arm_results,
+    collided_advised,
+    collisions,
+    differences,
+    rows_within,
+    spans_of,
+)
 from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
-from isac_cosim.evaluation.closed_loop.store import AlarmFacts, ArmEpisode
+from isac_cosim.evaluation.closed_loop.store import AdvisoryFacts, AlarmFacts, ArmEpisode
 from isac_cosim.evaluation.statistics import jackknife_half_width
 from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
 
@@ -106,3 +113,17 @@ def test_a_single_seed_has_no_interval_and_no_danger_no_relative_difference() ->
     assert single["ttc_below_3_s"].interval is None
     assert single["ttc_below_3_s"].relative is None
     assert single["travel_s_per_km"].relative == 0.0
+
+
+def test_who_followed_an_advisory_is_told_apart_among_those_that_collided() -> None:
+    def told(vehicle: str, fate: str, begun_s: float | None) -> AdvisoryFacts:
+        return AdvisoryFacts(vehicle=vehicle, instruction="slow", time_s=1.0, fate=fate, begun_s=begun_s)
+
+    advisories = (
+        told("a", "followed", 2.0),
+        told("b", "refused", None),
+        told("c", "dropped", 2.0),
+        told("a", "busy", None),
+    )
+    facts = episode(90.0).facts.model_copy(update={"collided": ("a", "b", "d"), "advisories": advisories})
+    assert collided_advised(facts) == {"a"}
