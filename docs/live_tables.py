@@ -1,4 +1,4 @@
-"""The tables of docs/live.md and docs/live/tables.md, from what `cosim evaluate RUN --traffic SCENARIO` measured.
+"""The tables of measured traffic in the documents, from what `cosim evaluate RUN --traffic SCENARIO` wrote.
 
     python docs/live_tables.py [--apart] METRICS.json [FURTHER.json ...]
 

@@ -1,4 +1,4 @@
-"""Importing this registers the closed loop with Gymnasium as `isac_cosim/Advisory-v0`; see docs/live.md.
+"""Importing this registers the closed loop with Gymnasium as `isac_cosim/Advisory-v0`; see docs/closed_loop.md.
 
 Gymnasium imports it by itself where it is named in front: `gymnasium.make("isac_cosim.gym:isac_cosim/Advisory-v0")`.
 Nothing else of the tool is imported before an environment is made.

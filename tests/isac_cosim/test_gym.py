@@ -14,12 +14,12 @@ import cosim
 from isac_cosim.models.runs.run import Run
 
 ROOT = Path(cosim.__file__).parent
-PAGE = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "closed_loop.md").read_text(encoding="utf-8")
 
 
 def documented() -> str:
-    """The block of docs/live.md that makes an environment, and what it ends with."""
-    section = PAGE[PAGE.index("### As an environment") :]
+    """The block of docs/closed_loop.md that makes an environment, and what it ends with."""
+    section = PAGE[PAGE.index("## As an environment") :]
     block = re.search(r"^```python\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
     assert block
     return (

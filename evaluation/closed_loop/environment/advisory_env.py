@@ -6,7 +6,7 @@
     observation, info = env.reset(seed=1)
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-An agent sees what the network knows, which trails the simulation by the conditioning's lag; see `docs/live.md`.
+An agent sees what the network knows, which trails the simulation by the conditioning's lag; see `docs/closed_loop.md`.
 """
 
 from __future__ import annotations
