@@ -78,17 +78,13 @@ class Advisor:
         if not self._due and not self._active:
             return
         sumo, present = moment.sumo, set(moment.sumo.vehicle.getIDList())
-        for vehicle, (sent, steps) in list(self._active.items()):
+        for vehicle in list(self._active):
             if vehicle not in present or is_parked(sumo, vehicle):
-                self._end(vehicle, moment.time_s)
-                sent.fate = "gone"
+                self._end(vehicle, moment.time_s, "gone")
             elif vehicle in moment.director.commanded:
-                self._end(vehicle, moment.time_s)
-                _let_go(sumo, vehicle)
-                sent.fate = "dropped"
-            elif next(steps, self) is self:
-                self._end(vehicle, moment.time_s)
-                sent.fate = "followed"
+                self._drop(sumo, vehicle, moment.time_s)
+            else:
+                self._go_on(sumo, vehicle, moment.time_s)
         due = [item for item in self._due if item[0] <= moment.time_s + 1e-9]
         self._due = [item for item in self._due if item[0] > moment.time_s + 1e-9]
         for _, sent in due:
@@ -109,11 +105,25 @@ class Advisor:
             self._active[vehicle] = sent, self._steps(moment.sumo, sent.advisory)
             sent.begun_s = moment.time_s
 
-    def _end(self, vehicle: str, time_s: float) -> None:
+    def _end(self, vehicle: str, time_s: float, fate: Fate) -> None:
         sent, steps = self._active.pop(vehicle)
         steps.close()
-        sent.ended_s = time_s
+        sent.fate, sent.ended_s = fate, time_s
         self._rested[vehicle] = time_s + self.settings.rest_s
+
+    def _go_on(self, sumo: Any, vehicle: str, time_s: float) -> None:
+        """Send the commands of this step for a vehicle that follows an advisory."""
+        _, steps = self._active[vehicle]
+        try:
+            if next(steps, self) is self:
+                self._end(vehicle, time_s, "followed")
+        except _DriverBrakesError:
+            self._drop(sumo, vehicle, time_s)
+
+    def _drop(self, sumo: Any, vehicle: str, time_s: float) -> None:
+        """Leave a driver alone who reacts to something ahead."""
+        self._end(vehicle, time_s, "dropped")
+        _let_go(sumo, vehicle)
 
     def _steps(self, sumo: Any, advisory: Advisory) -> Steps:
         settings = self.settings
@@ -143,9 +153,8 @@ def ease_off(
 
     The speed is never raised, and the driver may brake harder on its own, as hard as it can.
     """
-    # Without bit 2, by which SUMO keeps a vehicle whose speed is set from braking harder than is comfortable.
-    mode = DEFAULT_SPEED_MODE & ~4
-    sumo.vehicle.setSpeedMode(vehicle, mode)
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    ask = _Asking(sumo)
     speed = float(sumo.vehicle.getSpeed(vehicle))
     acceleration = float(sumo.vehicle.getAcceleration(vehicle))
     goal = max(speed - drop_mps, settings.least_share * speed)
@@ -158,18 +167,46 @@ def ease_off(
         if wanted == 0.0 and acceleration > -change:
             break
         speed = max(min(speed, float(sumo.vehicle.getSpeed(vehicle))) + acceleration * step_s, 0.0)
-        sumo.vehicle.setSpeed(vehicle, speed)
+        ask(vehicle, speed)
         yield
     for _ in range(round(settings.hold_s / step_s)):
         speed = min(speed, float(sumo.vehicle.getSpeed(vehicle)))
-        sumo.vehicle.setSpeed(vehicle, speed)
+        ask(vehicle, speed)
         yield
-    yield from release(sumo, vehicle, step_s, mode)
-    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    factor = float(sumo.vehicle.getSpeedFactor(vehicle))
+    try:
+        yield from release(sumo, vehicle, step_s, ask)
+    except _DriverBrakesError:
+        sumo.vehicle.setSpeedFactor(vehicle, factor)
+        raise
+
+
+class _DriverBrakesError(Exception):
+    """A driver brakes for something ahead, and has to be left alone."""
+
+
+@dataclass
+class _Asking:
+    """Sets the speed of a vehicle, once a step.
+
+    Raises _DriverBrakesError where its driver brakes as hard as SUMO lets it. While a speed is set, that is the
+    comfortable deceleration, whatever is ahead; without this check (bit 2 of the speed mode) it would stop within a
+    step.
+    """
+
+    sumo: Any
+    asked: float = 0.0
+
+    def __call__(self, vehicle: str, speed: float) -> None:
+        vehicles = self.sumo.vehicle
+        slower = vehicles.getSpeed(vehicle) < self.asked - 1e-6
+        if slower and vehicles.getAcceleration(vehicle) < 0.01 - vehicles.getDecel(vehicle):
+            raise _DriverBrakesError
+        vehicles.setSpeed(vehicle, speed)
+        self.asked = speed
 
 
 def _let_go(sumo: Any, vehicle: str) -> None:
     """Give a vehicle back to its driver at once."""
     sumo.vehicle.setSpeed(vehicle, -1)
-    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
     sumo.vehicle.setLaneChangeMode(vehicle, DEFAULT_LANE_CHANGE_MODE)

@@ -72,7 +72,7 @@ def test_a_vehicle_slows_holds_and_goes_on_without_a_jump(
 
 
 def test_a_vehicle_that_slows_on_advice_still_brakes_as_hard_as_it_can(tmp_path: Path) -> None:
-    """With a speed set, SUMO would let it brake by the comfortable deceleration only, and it would run into the TV."""
+    """And no harder: with a speed set, SUMO lets it brake comfortably only, or, without that check, stop in a step."""
     pair = vehicle("tv", position=60.0, speed=28.0) + vehicle("uv", position=10.0, speed=28.0)
     scenario = load(straight_road(tmp_path / "pair0", pair))
     advisor = Advisor(PROMPT, ("test",), TRAFFIC.step_s)
@@ -90,7 +90,8 @@ def test_a_vehicle_that_slows_on_advice_still_brakes_as_hard_as_it_can(tmp_path:
             moment.sumo.vehicle.setSpeed("tv", max(speed - 9.0 * TRAFFIC.step_s, 0.0))
         advisor.step(moment)
     assert recording.incidents.collided == ()
-    assert (np.diff(recording.tracks["uv"].speed) / TRAFFIC.step_s).min() < -5.0
+    assert [sent.fate for sent in advisor.sent] == ["dropped"]
+    assert -9.01 < (np.diff(recording.tracks["uv"].speed) / TRAFFIC.step_s).min() < -5.0
 
 
 def test_a_lane_is_held(tmp_path: Path) -> None:

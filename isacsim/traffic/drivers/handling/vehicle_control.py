@@ -8,7 +8,7 @@ Every function that takes time is a generator: it sends the commands of one simu
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from isac_cosim.base.setting_fields import LARGEST_MPS3
 
 Steps = Generator[None, None, None]
 """Sends the commands of one simulation step each time it is resumed."""
+Ask = Callable[[str, float], None]
+"""Sets the speed of a vehicle for the next step, m/s."""
 
 DEFAULT_SPEED_MODE = 31
 UNCHECKED_SPEED_MODE = 32
@@ -78,21 +80,22 @@ def follow_profile(
         yield
 
 
-def release(sumo: Any, vehicle: str, step_s: float, speed_mode: int = DEFAULT_SPEED_MODE) -> Steps:
+def release(sumo: Any, vehicle: str, step_s: float, ask: Ask | None = None) -> Steps:
     """Give the speed back to the driver without a jump.
 
     A driver that is released at once below its desired speed takes its full acceleration in one step. So the vehicle
     first coasts down to its desired speed if it is above, and then may accelerate more and more over `RELEASE_S`, until
-    the driver wants no more than that. The driver keeps its distance to the leader all the while. speed_mode: of SUMO,
-    what the driver still looks at.
+    the driver wants no more than that. The driver keeps its distance to the leader all the while. ask: sets a speed,
+    by default SUMO's command.
     """
+    ask = ask or sumo.vehicle.setSpeed
     driver_mps2 = sumo.vehicle.getAccel(vehicle)
-    sumo.vehicle.setSpeedMode(vehicle, speed_mode)
-    yield from coast(sumo, vehicle, sumo.vehicle.getSpeedFactor(vehicle), step_s)
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    yield from coast(sumo, vehicle, sumo.vehicle.getSpeedFactor(vehicle), step_s, ask)
     speed = sumo.vehicle.getSpeed(vehicle)
     for share in np.linspace(0.0, 1.0, round(RELEASE_S / step_s))[1:]:
         speed = min(speed, sumo.vehicle.getSpeed(vehicle)) + share * driver_mps2 * step_s
-        sumo.vehicle.setSpeed(vehicle, speed)
+        ask(vehicle, speed)
         yield
     sumo.vehicle.setSpeed(vehicle, -1)
 
@@ -105,12 +108,13 @@ def restore(sumo: Any, vehicle: str, speed_factor: float) -> None:
     sumo.vehicle.setSpeed(vehicle, -1)
 
 
-def coast(sumo: Any, vehicle: str, factor: float, step_s: float) -> Steps:
+def coast(sumo: Any, vehicle: str, factor: float, step_s: float, ask: Ask | None = None) -> Steps:
     """Set a driver's speed factor, and slow a vehicle that is above the resulting desired speed at `COAST_MPS2`.
 
     Left alone, a driver above the desired speed brakes as hard as before an obstacle. The driver keeps its distance to
-    the leader.
+    the leader. ask: as in `release`.
     """
+    ask = ask or sumo.vehicle.setSpeed
     sumo.vehicle.setSpeedFactor(vehicle, factor)
     desired = sumo.vehicle.getAllowedSpeed(vehicle)
     speed = sumo.vehicle.getSpeed(vehicle)
@@ -118,7 +122,7 @@ def coast(sumo: Any, vehicle: str, factor: float, step_s: float) -> Steps:
         match_speed_factor(sumo, vehicle)
     while speed > desired:
         speed = min(speed, sumo.vehicle.getSpeed(vehicle)) - COAST_MPS2 * step_s
-        sumo.vehicle.setSpeed(vehicle, speed)
+        ask(vehicle, speed)
         yield
     sumo.vehicle.setSpeedFactor(vehicle, factor)
     sumo.vehicle.setSpeed(vehicle, -1)
