@@ -44,7 +44,7 @@ def main() -> None:
     """Print the table of the file that is named."""
     result = SweepResult.model_validate_json(Path(sys.argv[1]).read_text(encoding="utf-8"))
     windows = max(row.before_commit_windows or 0 for row in result.cells)
-    print(f"### Macro-F1 by SNR: {windows} windows before the commit\n")
+    print(f"### Macro-F1 by SNR: {windows:,} windows before the commit\n")
     print(table(result.cells))
 
 
