@@ -155,8 +155,10 @@ def ease_off(
     """
     sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
     ask = _Asking(sumo)
+    # Less than is comfortable, or it could not be told whether the driver brakes for something else.
+    peak_mps2 = min(peak_mps2, 0.9 * float(sumo.vehicle.getDecel(vehicle)))
     speed = float(sumo.vehicle.getSpeed(vehicle))
-    acceleration = float(sumo.vehicle.getAcceleration(vehicle))
+    acceleration = max(float(sumo.vehicle.getAcceleration(vehicle)), -peak_mps2)
     goal = max(speed - drop_mps, settings.least_share * speed)
     change = settings.jerk_mps3 * step_s
     while speed > goal + 1e-6 or acceleration < -change:

@@ -71,7 +71,8 @@ def test_a_vehicle_slows_holds_and_goes_on_without_a_jump(
     assert [sent.fate for sent in advisor.sent] == ["followed"]
 
 
-def test_a_vehicle_that_slows_on_advice_still_brakes_as_hard_as_it_can(tmp_path: Path) -> None:
+@pytest.mark.parametrize("leader_brakes_s", [1.4, 4.5])
+def test_a_vehicle_that_slows_on_advice_still_brakes_as_hard_as_it_can(tmp_path: Path, leader_brakes_s: float) -> None:
     """And no harder: with a speed set, SUMO lets it brake comfortably only, or, without that check, stop in a step."""
     pair = vehicle("tv", position=60.0, speed=28.0) + vehicle("uv", position=10.0, speed=28.0)
     scenario = load(straight_road(tmp_path / "pair0", pair))
@@ -84,7 +85,7 @@ def test_a_vehicle_that_slows_on_advice_still_brakes_as_hard_as_it_can(tmp_path:
         except StopIteration as stop:
             recording: Recording = stop.value
             break
-        if moment.time_s > 4.5 and "tv" in moment.sumo.vehicle.getIDList():
+        if moment.time_s > leader_brakes_s and "tv" in moment.sumo.vehicle.getIDList():
             moment.sumo.vehicle.setSpeedMode("tv", UNCHECKED_SPEED_MODE)
             speed = moment.sumo.vehicle.getSpeed("tv")
             moment.sumo.vehicle.setSpeed("tv", max(speed - 9.0 * TRAFFIC.step_s, 0.0))
