@@ -151,7 +151,7 @@ def ease_off(
 ) -> Steps:
     """Slow a vehicle by `drop_mps` at up to `peak_mps2`, hold the lower speed for `settings.hold_s`, and let go.
 
-    The speed is never raised, and the driver may brake harder on its own, as hard as it can.
+    The speed is never raised. Raises _DriverBrakesError where the driver brakes for something ahead.
     """
     sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
     ask = _Asking(sumo)

@@ -73,7 +73,7 @@ def test_a_vehicle_slows_holds_and_goes_on_without_a_jump(
 
 @pytest.mark.parametrize("leader_brakes_s", [1.4, 4.5])
 def test_a_vehicle_that_slows_on_advice_still_brakes_as_hard_as_it_can(tmp_path: Path, leader_brakes_s: float) -> None:
-    """And no harder: with a speed set, SUMO lets it brake comfortably only, or, without that check, stop in a step."""
+    """With a speed set, SUMO lets it brake comfortably only, or, without that check, stop within a step."""
     pair = vehicle("tv", position=60.0, speed=28.0) + vehicle("uv", position=10.0, speed=28.0)
     scenario = load(straight_road(tmp_path / "pair0", pair))
     advisor = Advisor(PROMPT, ("test",), TRAFFIC.step_s)
