@@ -33,7 +33,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     TrafficResult,
 )
 from isac_cosim.evaluation.report.live_parts import SHOWN
-from isac_cosim.evaluation.report.parts import markdown
+from isac_cosim.evaluation.report.parts import NO_VALUE, markdown
 from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.labeling.intentions import spoken
 
@@ -266,7 +266,7 @@ def _arms(title: str, result: ClosedLoopResult) -> str:
             f"{measured.advisories}",
             *(_number(measured.after_alarms[key], digits) for key, (_, digits) in SAFETY.items()),
             f"{measured.collided}",
-            "-" if measured.collided_advised is None else f"{measured.collided_advised}",
+            NO_VALUE if measured.collided_advised is None else f"{measured.collided_advised}",
         )
         for arm, measured in result.arms.items()
     ]
