@@ -184,17 +184,19 @@ def evaluate_traffic(
         "alone": None if alone is None else alone.card.model_dump(mode="json"),
     }
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
-    with_lanes = study.live.background.lanes and not run.is_of_streams
+    with_lanes = study.live.background.lanes
+    of_records = [name for name, compared in named.items() if not compared.is_of_streams]
     installed = versions(OF_EPISODES)
     described = [described.identity for described in meta.scenarios]
-    digest = fingerprint(answers_rest_on, described, cards, [with_lanes, *FEATURES], installed)
+    features = [with_lanes and not run.is_of_streams, *FEATURES, *of_records]
+    digest = fingerprint(answers_rest_on, described, cards, features, installed)
     predictors = Predictors(
         run.path.resolve(),
         {name: compared.path.resolve() for name, compared in named.items()},
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
-    for remark in [*source.remarks(scenario), *_without_lanes(named, study)]:
+    for remark in source.remarks(scenario):
         feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(
@@ -307,16 +309,6 @@ def _named(run: Run, against: Sequence[Run]) -> dict[str, Run]:
         name if names.count(name) == 1 else f"{name} {k + 1}": compared
         for k, (name, compared) in enumerate(zip(names, against, strict=True))
     }
-
-
-def _without_lanes(named: Mapping[str, Run], study: LiveStudy) -> list[str]:
-    """Return one line for each compared run whose alarms do without the lanes that it would have by itself."""
-    return [
-        f"{name}: was trained on records, and raises its alarms without the lanes where it is only compared; "
-        "evaluate it by itself for alarms with them"
-        for name, compared in named.items()
-        if study.live.background.lanes and not compared.is_of_streams
-    ]
 
 
 def _begin(out: Path, begun: BegunEvaluation) -> None:

@@ -52,7 +52,8 @@ from isac_cosim.models.runs.run import Run
 RANDOM = "random"
 SITUATION = "situation"
 """The names of the baselines that are always there, beside RULE: alarms at random, and trees on the situation."""
-
+Beside = dict[str, tuple[str, Sequence[Method]]]
+"""What a run is compared with: its name in the episodes, and the kinds of alarm that it can raise, by its name."""
 
 _SPEED = TypeAdapter(dict[str, ProcessorTime])
 """The content of SPEED_FILE."""
@@ -119,16 +120,22 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
         move(1, total, "baselines")
         baselines = {RANDOM: measuring.measure_random(measured, first, live)}
-        baselines |= _compared(development, measured, evaluated)
+        beside = _beside(evaluated)
+        baselines |= (compared := _compared(development, measured, evaluated, beside))
+        beside |= {
+            name: (beside[name][0], [of.result.alarms.method])
+            for name, of in compared.items()
+            if of.result.alarms is not None
+        }
         move(2, total, "overtakes as lane changes")
         method = next(iter(methods), None)
         chosen_on, asked_of = (
             [as_five(truth, evaluated.lefthand, live.scoring.before_onset_s) for truth in truths]
             for truths in (development, measured)
         )
-        five_classes = _five_classes(chosen_on, asked_of, evaluated, method)
+        five_classes = _five_classes(chosen_on, asked_of, evaluated, method, beside)
         move(3, total, "what an operator asks")
-        asked = _headlines(chosen_on, asked_of, evaluated, method)
+        asked = _headlines(chosen_on, asked_of, evaluated, method, beside)
         if live.streams.truth:
             move(4, total, "true motion")
             name = f"{run.name} on true motion"
@@ -180,32 +187,41 @@ def methods_of(run: Run) -> tuple[Method, ...]:
     return measuring.OF_STREAMS if run.is_of_streams else measuring.OF_RECORDS
 
 
-def _compared(
-    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated
-) -> dict[str, MeasuredAlarms]:
-    """Measure the rule of the road, the compared runs, and trees on the situation, by their names.
+def _beside(evaluated: Evaluated) -> Beside:
+    """Return what a run is compared with.
 
-    These trees learn from the development seeds, as the other kinds of alarm of a run do that was trained on records.
-    Beside a run that was trained on streams they are left out: compare it with a run of `--model situation`.
+    The trees on the situation learn from the development seeds, as the other kinds of alarm of a run do that was
+    trained on records. Beside a run that was trained on streams they are left out: compare it with a run of `--model
+    situation`.
     """
-    live, compared = evaluated.study.live, dict[str, MeasuredAlarms]()
-    kinds: dict[str, Method] = {RULE: "reject"}
-    kinds |= {name: methods_of(run)[0] for name, run in evaluated.against.items()}
-    for name, kind in kinds.items():
-        shown = "rule of the road" if name == RULE else name
-        measurements = measuring.measure_methods(development, measured, name, live, shown, [kind])
-        if kind in measurements:
-            compared[name] = measurements[kind]
-    if evaluated.run.is_of_streams:
-        return compared
-    trees = measuring.measure_methods(
-        development, measured, RULE, live, "trees on the situation", ["background"], evaluated.kept
-    )
-    return compared if "background" not in trees else {**compared, SITUATION: trees["background"]}
+    beside: Beside = {RULE: (RULE, ["reject"])}
+    beside |= {name: (name, methods_of(run)) for name, run in evaluated.against.items()}
+    return beside if evaluated.run.is_of_streams else {**beside, SITUATION: (RULE, ["background"])}
+
+
+def _compared(
+    development: Sequence[Truth],
+    measured: Sequence[Truth],
+    evaluated: Evaluated,
+    beside: Beside,
+) -> dict[str, MeasuredAlarms]:
+    """Measure what a run is compared with, each by its kind of alarm that is better on the development seeds."""
+    compared = dict[str, MeasuredAlarms]()
+    for name, (predictor, kinds) in beside.items():
+        shown = {RULE: "rule of the road", SITUATION: "trees on the situation"}.get(name, name)
+        live, kept = evaluated.study.live, evaluated.kept
+        of_kinds = measuring.measure_methods(development, measured, predictor, live, shown, kinds, kept)
+        if of_kinds:
+            compared[name] = next(iter(of_kinds.values()))
+    return compared
 
 
 def _five_classes(
-    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated, method: Method | None
+    development: Sequence[Truth],
+    measured: Sequence[Truth],
+    evaluated: Evaluated,
+    method: Method | None,
+    beside: Beside,
 ) -> FiveClassResult | None:
     """Return the result with overtakes as lane changes; None without a kind of alarm. Truths: with five intentions."""
     if method is None:
@@ -214,7 +230,7 @@ def _five_classes(
     of_run = measuring.measure_methods(development, measured, RUN, live, run.name, [method], evaluated.kept)
     if method not in of_run:
         return None
-    baselines = _compared(development, measured, evaluated)
+    baselines = _compared(development, measured, evaluated, beside)
     return FiveClassResult(
         **dict(of_run[method].result),
         baselines={name: baseline.result for name, baseline in baselines.items()},
@@ -222,17 +238,18 @@ def _five_classes(
 
 
 def _headlines(
-    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated, method: Method | None
+    development: Sequence[Truth],
+    measured: Sequence[Truth],
+    evaluated: Evaluated,
+    method: Method | None,
+    beside: Beside,
 ) -> dict[str, Headlines]:
     """Return what an operator asks, answered by the run (RUN), by what it is compared with, and on true motion.
 
     method: the run's kind of alarm; None if it raises none. Truths: with five intentions.
     """
     run, live, kept = evaluated.run, evaluated.study.live, evaluated.kept
-    asked: dict[str, tuple[str, Method]] = {RULE: (RULE, "reject")}
-    asked |= {name: (name, methods_of(compared)[0]) for name, compared in evaluated.against.items()}
-    if not run.is_of_streams:
-        asked[SITUATION] = (RULE, "background")
+    asked: dict[str, tuple[str, Method]] = {name: (predictor, of[0]) for name, (predictor, of) in beside.items()}
     if method is not None:
         asked[RUN] = (RUN, method)
         if live.streams.truth:

@@ -57,8 +57,8 @@ class Predictors:
     """The predictors of an evaluation.
 
     run: folder of the evaluated run. against: folders of the runs to compare with, by their names in the result.
-    alone: folder of the run for TVs without a UV, if any. with_lanes: whether the features of the evaluated run include
-    those of its lane.
+    alone: folder of the run for TVs without a UV, if any. with_lanes: whether the features of runs that were trained on
+    records include those of the lane; runs of streams see the lanes themselves.
     """
 
     run: Path
@@ -76,7 +76,9 @@ class Predictors:
         answering: dict[str, Answering] = {RUN: by_run, RULE: rule_answer}
         if truth:
             answering[TRUTH] = by_run
-        return infer, answering | {name: answering_of(_load(path), decision_s) for name, path in self.against.items()}
+        for name, path in self.against.items():
+            answering[name] = answering_of(_load(path), decision_s, self.with_lanes)
+        return infer, answering
 
 
 @lru_cache(maxsize=8)

@@ -32,7 +32,7 @@ class Answers:
     """A predictor's answers to n windows.
 
     probabilities: of the known intentions, (n, 6). score: the unknown score, (n,): the higher, the better the window
-    fits one of the known intentions. features: what the predictor computed from the window, (n, F).
+    fits one of the known intentions. features: what the predictor computed from the window, (n, F), if alarms need it.
     """
 
     probabilities: Float32Array
@@ -87,13 +87,14 @@ Answering = Callable[[LiveWindows], Answers]
 def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
     """Return the function by which a trained run answers, the same as on stored records.
 
-    with_lanes: whether those of `LiveWindows.situation` follow the features of the run.
+    with_lanes: whether those of `LiveWindows.situation` follow the features of a run that was trained on records.
     """
+    of_streams = infer.run.is_of_streams
 
     def answer(windows: LiveWindows) -> Answers:
         inference = infer(windows.tv, windows.uv, windows.lanes)
-        features = inference.features
-        if with_lanes:
+        features = np.empty((len(windows.tv), 0)) if of_streams else inference.features
+        if with_lanes and not of_streams:
             features = np.concatenate([features, windows.situation], axis=1)
         parts = (inference.probabilities, inference.score, features)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
@@ -123,8 +124,8 @@ class AlongAnswering:
             length = shape.uv_length + round(int(at[-1]) * step_s * shape.uv_rate_hz)
             reports = cutter.reports.window(uv, last_s - cutter.report_delay_s, length)
             inference = self.infer.along(tv, reports, lanes, int(at[-1]) + 1)
-            answer = (inference.probabilities, inference.score, inference.features)
-            parts.append(Answers(*(np.asarray(part[at], np.float32) for part in answer)))
+            answer = (inference.probabilities[at], inference.score[at], np.empty((len(at), 0)))
+            parts.append(Answers(*(np.asarray(part, np.float32) for part in answer)))
         return Answers.joined(parts)
 
 

@@ -30,8 +30,6 @@ RULE = "rule"
 """The name of the rule of the road."""
 TRUTH = "truth"
 """The name of the evaluated run where it answers the true motion of the TV."""
-WITH_FEATURES = (RUN, TRUTH, RULE)
-"""The predictors whose features are stored, because alarms by background need them."""
 COLUMNS = pa.schema([("tv", pa.dictionary(pa.int32(), pa.string())), ("time_s", pa.float64()), ("group", pa.int8())])
 """The columns of every file, beside those of the predictors."""
 PROBABILITIES = pa.list_(pa.float32(), len(KNOWN))
@@ -63,8 +61,8 @@ class LiveEpisode:
     """One episode with its n predictions, vehicle by vehicle, in order of time.
 
     names: of the TVs. vehicle: number of the TV in `names`, (n,). time_s: end of the window, (n,). group: group of the
-    TV at that time (`events.groups_at`), (n,). answers: of each predictor by its name; only those of
-    WITH_FEATURES hold features.
+    TV at that time (`events.groups_at`), (n,). answers: of each predictor by its name; those of runs that were
+    trained on streams hold no features, as their alarms need none.
     """
 
     facts: EpisodeFacts
@@ -101,7 +99,7 @@ def write_episode(path: Path, episode: LiveEpisode) -> None:
     for name, answers in episode.answers.items():
         columns[f"{name}.probabilities"] = _rows(answers.probabilities)
         columns[f"{name}.score"] = pa.array(answers.score)
-        if name in WITH_FEATURES:
+        if answers.features.shape[1]:
             columns[f"{name}.features"] = _rows(answers.features)
     FILES.write(path, episode.facts, columns, row_group_size=ROW_GROUP)
 

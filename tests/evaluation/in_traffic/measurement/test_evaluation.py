@@ -14,7 +14,6 @@ from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.evaluation.in_traffic.measurement import evaluation as of_traffic
 from isac_cosim.evaluation.in_traffic.measurement.evaluation import (
-    _without_lanes,
     evaluate_traffic,
     study_of,
     warnings,
@@ -23,7 +22,7 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluati
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import Predictors, predicted
-from isac_cosim.evaluation.in_traffic.streams.store import read_episode
+from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RUN, read_episode
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import SeedRange
@@ -262,12 +261,17 @@ def test_a_run_of_other_windows_cannot_be_compared(
         evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), against=[slow], source=source)
 
 
-def test_a_run_of_records_is_said_to_be_compared_without_lanes(trees_run: Run, study: LiveStudy) -> None:
-    (line,) = _without_lanes({"trees": trees_run}, study)
-    assert line.startswith("trees: was trained on records, and raises its alarms without the lanes")
-    off = study.live.background.model_copy(update={"lanes": False})
-    blind = study.model_copy(update={"live": study.live.model_copy(update={"background": off})})
-    assert _without_lanes({"trees": trees_run}, blind) == []
+def test_a_compared_run_of_records_is_measured_as_it_is_by_itself(
+    evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    """By the better of its kinds of alarm, of which the one that knows "none" sees the lanes."""
+    result = evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source, against=[trees_run]).result
+    (name,) = result.made_by.against
+    alone, beside = evaluation.result, result.baselines[name]
+    episode = read_episode(next((tmp_path / EPISODES).glob("*.parquet")), features=True)
+    np.testing.assert_array_equal(episode.answers[name].features, episode.answers[RUN].features)
+    assert (beside.alarms, beside.over_all, beside.frozen_at) == (alone.alarms, alone.over_all, alone.frozen_at)
+    assert result.compared[name].prediction == alone.prediction
 
 
 def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, folder: Path) -> None:
