@@ -200,11 +200,13 @@ def _auroc(area: float | None, low: float | None, high: float | None) -> str:
 def window_ends(rows: Sequence[Json]) -> Iterator[str]:
     """Yield the window-end curves."""
     curves = {row["name"]: [WindowEndScores.model_validate(end) for end in row["by_window_end"]] for row in rows}
-    ends = [scores.end_s for scores in next(iter(curves.values()))]
-    yield "### By window end"
+    yield "### By window end: macro-F1"
     yield markdown(
-        ["windows end, s", *(f"{end:g}" for end in ends)],
-        [[name, *("" if s.macro_f1 is None else f"{s.macro_f1:.2f}" for s in curve)] for name, curve in curves.items()],
+        ["windows end, s after onset", "windows", *curves],
+        [
+            [f"{ends[0].end_s:g}", f"{ends[0].n:,}", *("" if s.macro_f1 is None else f"{s.macro_f1:.2f}" for s in ends)]
+            for ends in zip(*curves.values(), strict=True)
+        ],
     )
 
 
@@ -257,13 +259,17 @@ def spreads_of(row: Json) -> ScoreSpreads:
 
 def samples(rows: Sequence[Json]) -> Iterator[str]:
     """Yield macro-F1 on early windows by the number of training samples."""
-    counts = dict.fromkeys(row["samples"] for row in rows)
+    scores = {(row["samples"], row["model"]): spreads_of(row) for row in rows}
     models = dict.fromkeys(row["model"] for row in rows)
-    cells = {(row["model"], row["samples"]): value(spreads_of(row).macro_f1) for row in rows}
-    yield "### Training samples"
+    columns = [(model, name) for model in models for name in ("before_commit_macro_f1", "macro_f1")]
+    shown = {"before_commit_macro_f1": "before the commit", "macro_f1": "all windows"}
+    yield f"### Training samples: macro-F1, {rows[0]['windows']:,} early windows"
     yield markdown(
-        ["training samples", *map(named, models)],
-        [[f"{count:,.0f}", *(cells.get((model, count), "") for model in models)] for count in counts],
+        ["training samples", *(f"{named(model)}, {shown[name]}" for model, name in columns)],
+        [
+            [f"{count:,.0f}", *(value(getattr(scores[count, model], name)) for model, name in columns)]
+            for count in dict.fromkeys(row["samples"] for row in rows)
+        ],
     )
 
 
