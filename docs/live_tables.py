@@ -22,6 +22,7 @@ import numpy as np
 from isac_cosim.base.errors import InputError
 from isac_cosim.evaluation.closed_loop.results import ArmDifference, ClosedLoopResult
 from isac_cosim.evaluation.in_traffic.measurement.headline import OWN_RATES
+from isac_cosim.evaluation.in_traffic.measurement.summary import BASELINE_NAMES
 from isac_cosim.evaluation.in_traffic.scores.results import (
     AlarmResult,
     EventScores,
@@ -32,7 +33,6 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     RecallLost,
     TrafficResult,
 )
-from isac_cosim.evaluation.report.live_parts import SHOWN
 from isac_cosim.evaluation.report.parts import NO_VALUE, markdown
 from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.labeling.intentions import spoken
@@ -119,7 +119,7 @@ def beside(
     found: dict[str, list[Of]] = {}
     for predictor, scores in shown.items():
         if predictor != RANDOM:
-            shown_name = SHOWN.get(predictor, predictor)
+            shown_name = BASELINE_NAMES.get(predictor, predictor)
             found.setdefault(shown_name if apart else shown_name.partition(", ")[0], []).append(scores)
     return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import median
 
+from isac_cosim.evaluation.in_traffic.measurement.summary import BASELINE_NAMES
 from isac_cosim.evaluation.in_traffic.scores.results import (
     EventScores,
     HeadlineResult,
@@ -50,11 +51,6 @@ CHARTS = {
 """Curves that the page draws itself."""
 LEAST_FOR_SENTENCE = 20
 """Events, below which a table shows the score and no sentence says it."""
-
-
-RULE = "rule"
-SHOWN = {RULE: "rule of the road", "situation": "trees on the situation"}
-"""How people call baselines."""
 
 
 class LiveFirst:
@@ -176,7 +172,7 @@ def worlds(result: TrafficResult) -> dict[str, dict[str, Headlines]]:
 
 
 def _named(name: str, own: Headlines, compared: Mapping[str, Headlines]) -> dict[str, Headlines]:
-    return {name: own} | {SHOWN.get(other, other): answers for other, answers in compared.items()}
+    return {name: own} | {BASELINE_NAMES.get(other, other): answers for other, answers in compared.items()}
 
 
 def _compared(answers: Mapping[str, Headlines]) -> Iterator[Row]:

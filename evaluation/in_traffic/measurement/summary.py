@@ -52,8 +52,8 @@ from isac_cosim.models.runs.run import Run
 RANDOM = "random"
 SITUATION = "situation"
 """The names of the baselines that are always there, beside RULE: alarms at random, and trees on the situation."""
-SHOWN = {RULE: "rule of the road", SITUATION: "trees on the situation"}
-"""Their names in results."""
+BASELINE_NAMES = {RULE: "rule of the road", SITUATION: "trees on the situation"}
+"""How people call them."""
 Beside = dict[str, tuple[str, Sequence[Method]]]
 """What a run is compared with: its name in the episodes, and the kinds of alarm that it can raise, by its name."""
 
@@ -207,7 +207,7 @@ def _compared(
     """Measure what a run is compared with, each by its kind of alarm that is better on the development seeds."""
     compared = dict[str, MeasuredAlarms]()
     for name, (predictor, kinds) in beside.items():
-        shown, live, kept = SHOWN.get(name, name), evaluated.study.live, evaluated.kept
+        shown, live, kept = BASELINE_NAMES.get(name, name), evaluated.study.live, evaluated.kept
         of_kinds = measuring.measure_methods(development, measured, predictor, live, shown, kinds, kept)
         if of_kinds:
             compared[name] = next(iter(of_kinds.values()))
