@@ -13,6 +13,7 @@ import pytest
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.evaluation.in_traffic.measurement import evaluation as of_traffic
+from isac_cosim.evaluation.in_traffic.measurement import measuring
 from isac_cosim.evaluation.in_traffic.measurement.evaluation import (
     evaluate_traffic,
     study_of,
@@ -20,7 +21,7 @@ from isac_cosim.evaluation.in_traffic.measurement.evaluation import (
 )
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
-from isac_cosim.evaluation.in_traffic.settings import LiveStudy
+from isac_cosim.evaluation.in_traffic.settings import LiveStudy, Method
 from isac_cosim.evaluation.in_traffic.streams.episode import Predictors, predicted
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RUN, read_episode
 from isac_cosim.isacsim.scenarios.scenario import Scenario
@@ -261,17 +262,26 @@ def test_a_run_of_other_windows_cannot_be_compared(
         evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), against=[slow], source=source)
 
 
+@pytest.mark.parametrize("kinds", [("reject", "background"), ("background",)])
 def test_a_compared_run_of_records_is_measured_as_it_is_by_itself(
-    evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+    trees_run: Run,
+    study: LiveStudy,
+    source: ScriptedSource,
+    kinds: tuple[Method, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """By the better of its kinds of alarm, of which the one that knows "none" sees the lanes."""
+    monkeypatch.setattr(measuring, "OF_RECORDS", kinds)
     result = evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source, against=[trees_run]).result
     (name,) = result.made_by.against
-    alone, beside = evaluation.result, result.baselines[name]
+    beside = result.baselines[name]
     episode = read_episode(next((tmp_path / EPISODES).glob("*.parquet")), features=True)
     np.testing.assert_array_equal(episode.answers[name].features, episode.answers[RUN].features)
-    assert (beside.alarms, beside.over_all, beside.frozen_at) == (alone.alarms, alone.over_all, alone.frozen_at)
-    assert result.compared[name].prediction == alone.prediction
+    assert beside.alarms is not None
+    assert beside.alarms.method in kinds
+    assert (beside.alarms, beside.over_all, beside.frozen_at) == (result.alarms, result.over_all, result.frozen_at)
+    assert result.compared[name].prediction == result.prediction
 
 
 def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, folder: Path) -> None:
