@@ -37,7 +37,7 @@ def listed(plan: Plan, root: Path) -> str:
         lines += [
             f"{name}: {stage.question}",
             f"    {spoken_time(60.0 * stage.cost_min)} on two cores ({stage.cost_is})"
-            + (f"; needs {', '.join(stage.needs)}" if stage.needs else "")
+            + (f"; needs {', '.join([*stage.needs, *stage.given])}" if stage.needs or stage.given else "")
             + (f"; for {', '.join(stage.pages)}" if stage.pages else ""),
             f"    {state}",
         ]

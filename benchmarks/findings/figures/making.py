@@ -110,10 +110,13 @@ class Maker:
     def _run(self, name: str, stage: FigureStage) -> None:
         """Run the commands of a stage, and write the record of its results.
 
-        Raises InputError where the stage was begun with other settings or leaves a result out, RunError where a
-        command fails or the code was changed meanwhile.
+        Raises InputError where the stage was begun with other settings, leaves a result out or lacks a file that it is
+        given, RunError where a command fails or the code was changed meanwhile.
         """
         folder, begun = self.root / WORK / name, begun_file(name, self.root)
+        for path, what in stage.given.items():
+            if not (self.root / path).is_file():
+                raise InputError(f"{path}: is not there; put there {what}")
         self._check_sources()
         if became := unfinished.go_on(name, stage, self.root):
             self.feedback.message(f"{name}: {became}")

@@ -47,6 +47,10 @@ class FigureStage(Settings):
     kept: tuple[Inside, ...] = Field(
         (), description="files, or patterns of them, that finished parts leave in the folder of the stage's work"
     )
+    given: dict[Inside, str] = Field(
+        default_factory=dict,
+        description="files that commands read and the project does not ship: what to put there",
+    )
     cost_min: float = Field(gt=0.0, description="duration on two cores, minutes")
     cost_is: str = Field(min_length=1, description="where the cost comes from")
     needs: tuple[str, ...] = Field((), description="stages whose results the commands read")

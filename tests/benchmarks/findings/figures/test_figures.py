@@ -8,76 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from isac_cosim.benchmarks.findings.figures import record
-from isac_cosim.benchmarks.findings.figures.__main__ import main
 from isac_cosim.benchmarks.findings.figures.making import Maker
 from isac_cosim.benchmarks.findings.figures.plan import FigureStage, Plan, read_plan
-from isac_cosim.benchmarks.findings.figures.record import PRESENT, UNKNOWN, record_file, status
+from isac_cosim.benchmarks.findings.figures.record import PRESENT, UNKNOWN, record_file
 from isac_cosim.isacsim.scenarios import demand
 from isac_cosim.studies.study import Study
-
-PLAN = """
-[stage.data]
-question = "how many samples are there?"
-commands = ["echo run >> $FIGURES/runs.txt", "echo 12 > $FIGURES/data/set/count"]
-results = ["results/figures/data/set/count"]
-cost_min = 1
-cost_is = "made up"
-parts = ["traffic", "labels"]
-
-[stage.scores]
-question = "how good are they?"
-commands = [
-    "test ! -e stop",
-    "echo '{\\"samples\\": '$(cat $FIGURES/data/set/count)'}' > docs/tiny/scores.json",
-]
-results = ["docs/tiny/scores.json"]
-tables = ["python docs/scores.py"]
-pages = ["docs/page.md"]
-cost_min = 2
-cost_is = "made up"
-needs = ["data"]
-parts = ["traffic", "labels"]
-"""
-SCORES = """
-import json
-n = json.load(open("docs/tiny/scores.json"))["samples"]
-print(f"### Scores: {n} samples\\n\\n| n |\\n| --- |\\n| {n} |")
-"""
-PAGE = """# A page
-
-<!-- figures: earlier scores -->
-
-<!-- table scores: Scores -->
-### Scores: 3 samples
-
-| n |
-| --- |
-| 3 |
-
-What follows stays | as it is |.
-"""
-
-
-@pytest.fixture
-def root(tmp_path: Path) -> Path:
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "docs" / "page.md").write_text(PAGE)
-    (tmp_path / "docs" / "scores.py").write_text(SCORES)
-    (tmp_path / "plan.toml").write_text(PLAN)
-    return tmp_path
-
-
-def run(root: Path, *arguments: str) -> int:
-    return main(list(arguments), root / "plan.toml", root)
-
-
-def state(root: Path, name: str = "scores") -> str:
-    return status(name, read_plan(root / "plan.toml").stage[name], root)
-
-
-def runs(root: Path) -> int:
-    return len((root / "results/figures/runs.txt").read_text().split())
+from tests.benchmarks.findings.figures.tiny_plan import PAGE, PLAN, run, runs, state
 
 
 def test_a_stage_makes_its_results_and_rewrites_the_table_of_its_page(root: Path) -> None:
@@ -139,101 +75,6 @@ def test_a_failed_stage_keeps_what_is_finished_and_goes_on(root: Path, capsys: p
     (root / "stop").unlink()
     assert run(root) == 0
     assert runs(root) == 1
-
-
-PIECES = (
-    PLAN
-    + """
-[stage.pieces]
-question = "what do two long runs say?"
-commands = [
-    "mkdir -p $FIGURES/pieces/out",
-    "test -e $FIGURES/pieces/out/first || { echo ran >> runs; echo 1 > $FIGURES/pieces/out/first; }",
-    "test ! -e stop",
-    "cp $FIGURES/pieces/out/first docs/pieces.json",
-]
-results = ["docs/pieces.json"]
-kept = ["out/*"]
-cost_min = 9
-cost_is = "made up"
-parts = ["traffic"]
-"""
-)
-
-
-@pytest.fixture
-def kept(root: Path, capsys: pytest.CaptureFixture[str]) -> Path:
-    """A checkout in which the first of two long runs was kept, and the work was lost."""
-    (root / "plan.toml").write_text(PIECES)
-    (root / "stop").touch()
-    assert run(root, "pieces") == 1
-    assert run(root, "keep") == 0
-    assert "pieces: 1 files kept in docs/unfinished/pieces; commit them" in capsys.readouterr().out
-    shutil.rmtree(root / "results")
-    (root / "stop").unlink()
-    return root
-
-
-def times_run(root: Path) -> int:
-    return len((root / "runs").read_text().split())
-
-
-def test_a_run_goes_on_from_what_was_kept_of_a_lost_one(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(kept, "pieces") == 0
-    assert "goes on from" in capsys.readouterr().err
-    assert (times_run(kept), state(kept, "pieces")) == (1, PRESENT)
-    assert not (kept / "docs/unfinished/pieces").exists()
-
-
-def test_what_other_settings_or_versions_left_is_not_gone_on_from(
-    kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(demand, "HEADWAY_S", 9.5)
-    assert run(kept, "pieces") == 0
-    said = " ".join(capsys.readouterr().err.split())
-    assert "is of other settings: traffic (isacsim.scenarios.demand.HEADWAY_S); begins anew" in said
-    assert times_run(kept) == 2
-
-
-def test_another_version_begins_anew(
-    kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(record, "versions", lambda _: {"torch": "9.9"})
-    assert run(kept, "pieces") == 0
-    assert "install that to go on from it; begins anew" in " ".join(capsys.readouterr().err.split())
-    assert times_run(kept) == 2
-
-
-def test_a_kept_file_that_was_changed_is_refused(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (kept / "docs/unfinished/pieces/out/first").write_text("2")
-    assert run(kept, "pieces") == 1
-    assert "out/first: is not the file that was kept" in " ".join(capsys.readouterr().err.split())
-    assert times_run(kept) == 1
-
-
-def test_less_than_before_is_not_kept(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (kept / "stop").touch()
-    run(kept, "pieces")
-    (kept / "results/figures/pieces/out/first").rename(kept / "results/figures/pieces/out/second")
-    assert run(kept, "keep") == 2
-    assert "docs/unfinished/pieces/out/first: is not in" in capsys.readouterr().err
-
-
-def test_what_is_begun_with_other_settings_is_not_kept(
-    kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (kept / "stop").touch()
-    run(kept, "pieces")
-    monkeypatch.setattr(demand, "HEADWAY_S", 9.5)
-    assert run(kept, "keep") == 0
-    assert "was begun with other settings: traffic" in capsys.readouterr().out
-
-
-def test_nothing_is_kept_of_what_is_finished(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (root / "plan.toml").write_text(PIECES)
-    run(root)
-    assert run(root, "keep") == 0
-    assert capsys.readouterr().out == "nothing is finished of an unfinished stage\n"
 
 
 def test_a_stage_whose_need_failed_is_left_out(root: Path) -> None:
@@ -383,6 +224,24 @@ def test_a_plan_at_fault_is_refused_in_one_line(
     error = capsys.readouterr().err
     assert said in error
     assert len(error.splitlines()) == 1
+
+
+def test_a_stage_asks_for_a_file_that_the_project_may_not_ship(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = PLAN.replace(
+        'needs = ["data"]', 'needs = ["data"]\ngiven = { "results/given/roads.xml" = "the roads of Flow" }'
+    )
+    (root / "plan.toml").write_text(plan)
+    assert run(root, "list") == 0
+    assert "needs data, results/given/roads.xml" in capsys.readouterr().out
+    assert run(root) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "scores: failed: results/given/roads.xml: is not there; put there the roads of Flow" in said
+    assert not (root / "results/figures/scores").exists()
+    (root / "results/given").mkdir()
+    (root / "results/given/roads.xml").write_text("<net/>")
+    assert run(root) == 0
+    (root / "results/given/roads.xml").unlink()
+    assert state(root) == PRESENT
 
 
 def test_an_unknown_stage_is_refused(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
