@@ -25,7 +25,6 @@ from isac_cosim.base.files import json_text
 from isac_cosim.base.workers.threads import torch_threads
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
-    LiveWindows,
     WindowCutter,
     lanes_of,
     rule_answer,
@@ -155,7 +154,7 @@ def measured(folder: Path) -> LiveTime:
     causal_s = _causal_s(batches, lanes, [len(track.stretch.decision_s) for track in tracks])
     begin = time.process_time()
     for tv, uv in batches:
-        rule_answer(LiveWindows(tv, uv, SHAPE.tv_rate_hz, lanes))
+        rule_answer(OnMap.in_one(tv, uv, SHAPE.tv_rate_hz, lanes))
     rule_s = time.process_time() - begin
     count = sum(len(track.stretch.decision_s) for track in tracks)
     panels = float(np.mean([track.n_sites for track in tracks]))
@@ -176,11 +175,10 @@ def _causal_s(batches: list[tuple[Array, Array]], lanes: LaneMap, decisions: lis
     samples = [slice(-number, None) for number in causal.samples]
     first = np.cumsum([0, *decisions[:-1]])
     windows = [np.concatenate([of[k] for of in batches]) for k in (0, 1)]
-    nowhere = np.full(len(first), "", dtype=object)
 
     def on_map(tv: Array, uv: Array) -> Windows:
         seen = in_frame(tv, uv, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz)
-        return replace(seen, on_map=OnMap(tv, uv, SHAPE.tv_rate_hz, nowhere, lambda _: lanes))
+        return replace(seen, on_map=OnMap.in_one(tv, uv, SHAPE.tv_rate_hz, lanes))
 
     begin = time.process_time()
     _, state = causal.begin(on_map(*(of[first] for of in windows)))

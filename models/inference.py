@@ -68,20 +68,25 @@ class Infer:
         store them.
         Raises ValueError if the shapes are not those that the predictor was trained on.
         """
-        begin = time.perf_counter()
-        card = self.run.card
         tv, uv = (np.asarray(x, dtype=np.float64) for x in (tv, uv))
         if tv.ndim == 2:
             tv, uv = tv[None], uv[None]
+        on_map = None if lanes is None else OnMap.in_one(tv, uv, self.run.card.tv_rate_hz, lanes)
+        return self._answered(tv, uv, on_map)
+
+    def on_roads(self, windows: OnMap) -> Inference:
+        """Answer a batch of windows on their roads. Raises ValueError as `__call__`."""
+        return self._answered(windows.tv, windows.uv, windows)
+
+    def _answered(self, tv: Array, uv: Array, on_map: OnMap | None) -> Inference:
+        begin = time.perf_counter()
+        card = self.run.card
         if tv.shape[1:] != (6, card.tv_length) or uv.shape != (len(tv), 6, card.uv_length):
             raise ValueError(
                 f"windows of shapes {tv.shape} and {uv.shape}; trained on {card.tv_length} and {card.uv_length}"
             )
         windows = in_frame(tv, uv, card.settings.windows, card.tv_rate_hz, card.uv_rate_hz)
-        if lanes is not None:
-            scenario = np.full(len(tv), "", dtype=object)
-            windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
-        return self._inferred(self.run.answer(windows), begin)
+        return self._inferred(self.run.answer(replace(windows, on_map=on_map)), begin)
 
     @property
     def steps_s(self) -> float | None:
@@ -102,7 +107,7 @@ class Infer:
         for states, length, samples in zip((tv, uv), (card.tv_length, card.uv_length), predictor.samples, strict=True):
             if states.shape[1] < length + (decisions - 1) * samples:
                 raise ValueError(f"streams of {tv.shape[1]} and {uv.shape[1]} samples for {decisions} decisions")
-        on_map = OnMap(tv[None], uv[None], card.tv_rate_hz, np.full(1, "", dtype=object), lambda _: lanes)
+        on_map = OnMap.in_one(tv[None], uv[None], card.tv_rate_hz, lanes)
         return self._inferred(predictor.along(on_map, decisions).finite(self.run.path), begin)
 
     def _inferred(self, outputs: Outputs, begin: float) -> Inference:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.evaluation.in_traffic.streams.predictions import Answering, Answers, LiveWindows
+from isac_cosim.evaluation.in_traffic.streams.predictions import Answering, Answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.passages import Piece
 from isac_cosim.isacsim.sensing.reports import report
@@ -20,6 +20,7 @@ from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.uv_choice import Pair, choose_uv, may_be_tv
 from isac_cosim.labeling.streams.stretches import Timing
 from isac_cosim.models.data.lane_map import LaneMap
+from isac_cosim.models.data.windows import OnMap
 from isac_cosim.models.predictors.protocol import WindowShape
 
 
@@ -86,7 +87,7 @@ class Network:
         windows = self._windows(tv, uv)
         answers = None
         if self.answering and tv:
-            answers = self.answering(LiveWindows(*windows, self.shape.tv_rate_hz, self._lanes))
+            answers = self.answering(OnMap.in_one(*windows, self.shape.tv_rate_hz, self._lanes))
         reported = {
             name: states[:, -1 - self._delay] for name, states in self._uv.items() if states.shape[1] > self._delay
         }

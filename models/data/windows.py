@@ -167,7 +167,7 @@ class Ends:
         return np.asarray(start + self.step / records.uv_rate_hz)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OnMap:
     """Windows in the scenario's plane: tv (n, 6, T) and uv (n, 6, U), the scenario of each, (n,), and its lanes."""
 
@@ -176,6 +176,11 @@ class OnMap:
     tv_rate_hz: float
     scenario: npt.NDArray[np.object_]
     lane_maps: LaneMaps
+
+    @classmethod
+    def in_one(cls, tv: Array, uv: Array, tv_rate_hz: float, lanes: LaneMap) -> Self:
+        """Return windows that are all in one scenario, which need not be named."""
+        return cls(tv, uv, tv_rate_hz, np.full(len(tv), "", dtype=object), lambda _: lanes)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,21 +11,31 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.models.data.lane_motion import LaneMotion
 from isac_cosim.models.data.situation import FEATURES, situation
-from isac_cosim.models.data.windows import Windows, WindowSettings, in_frame
+from isac_cosim.models.data.windows import OnMap, Windows, WindowSettings, in_frame
 from isac_cosim.models.predictors.protocol import WindowShape
-from isac_cosim.models.predictors.rule import IN_LANE, RuleSettings, drive_on, in_lane
+from isac_cosim.models.predictors.rule import IN_LANE, Drive, RuleSettings, drive_on, in_lane
 
 N_SITUATION = IN_LANE + len(FEATURES)
 """Columns of `situation_of`."""
 
 
-def situation_of(windows: Windows) -> Array:
-    """Return what the rule of the road sees of windows whose roads are known, then their situation, (n, F)."""
-    on_map = windows.on_map
-    assert on_map is not None, "windows of streams come with their roads"
+# Predictors that are measured side by side ask one after the other for the same of a batch.
+@lru_cache(maxsize=2)
+def drive_and_situation(on_map: OnMap) -> tuple[Drive, Array]:
+    """Return what the rule of the road sees of windows, and that as features with their situation, (n, F)."""
     smooth_s = RuleSettings().smooth_s
     motion = LaneMotion.of(on_map, smooth_s)
-    return np.concatenate([in_lane(drive_on(on_map, smooth_s, motion)), situation(on_map, motion)], axis=1)
+    drive = drive_on(on_map, smooth_s, motion)
+    features = np.concatenate([in_lane(drive), situation(on_map, motion)], axis=1)
+    features.setflags(write=False)
+    return drive, features
+
+
+def situation_of(windows: Windows) -> Array:
+    """Return the features of `drive_and_situation` of windows whose roads are known, (n, F); they are read-only."""
+    on_map = windows.on_map
+    assert on_map is not None, "windows of streams come with their roads"
+    return drive_and_situation(on_map)[1]
 
 
 def without_uv(windows: Windows, settings: WindowSettings, shape: WindowShape) -> Windows:

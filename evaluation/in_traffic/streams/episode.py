@@ -19,7 +19,6 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import (
     AlongAnswering,
     Answering,
     Answers,
-    LiveWindows,
     WindowCutter,
     answering_of,
     lanes_of,
@@ -48,6 +47,7 @@ from isac_cosim.labeling.streams.reports import NoReports, Reports
 from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.labeling.streams.stretches import Stretch, Timing, WatchedStretches, watched
 from isac_cosim.models.data.lane_map import LaneMap
+from isac_cosim.models.data.windows import OnMap
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.protocol import WindowShape
 
@@ -81,7 +81,7 @@ class Predictors:
         return infer, answering
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _load(path: Path) -> Infer:
     return Infer.load(path)
 
@@ -192,7 +192,7 @@ class _Collected:
                 else:
                     names.append(name)
             for tv, uv in cutter.batches(known) if names else ():
-                windows = LiveWindows(tv, uv, cutter.shape.tv_rate_hz, lanes)
+                windows = OnMap.in_one(tv, uv, cutter.shape.tv_rate_hz, lanes)
                 for name in names:
                     self._add(name, partial(answering[name], windows))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -16,12 +15,11 @@ from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.streams.reports import ReportWindows
 from isac_cosim.labeling.streams.sensed import SensedStretch
 from isac_cosim.models.data.lane_map import LaneMap
-from isac_cosim.models.data.lane_motion import LaneMotion
-from isac_cosim.models.data.situation import situation
 from isac_cosim.models.data.windows import OnMap
+from isac_cosim.models.hazards.sight import drive_and_situation
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.protocol import WindowShape
-from isac_cosim.models.predictors.rule import Drive, RuleSettings, drive_on, in_lane, logits
+from isac_cosim.models.predictors.rule import RuleSettings, logits
 
 BATCH = 512
 """Windows in one batch."""
@@ -50,52 +48,22 @@ class Answers:
         return Answers(self.probabilities[rows], self.score[rows], self.features[rows])
 
 
-@dataclass(frozen=True)
-class LiveWindows:
-    """Windows in the scenario's plane, tv (n, 6, T) and uv (n, 6, U), and the lanes of the network."""
-
-    tv: Array
-    uv: Array
-    tv_rate_hz: float
-    lanes: LaneMap
-
-    @cached_property
-    def drive(self) -> Drive:
-        """What the rule of the road sees of the windows."""
-        return drive_on(self._on_map, RuleSettings().smooth_s, self._motion)
-
-    @cached_property
-    def situation(self) -> Float32Array:
-        """What the lanes and the UV say about the windows: `in_lane`, then `situation`, (n, F)."""
-        parts = in_lane(self.drive), situation(self._on_map, self._motion)
-        return np.concatenate(parts, axis=1).astype(np.float32)
-
-    @cached_property
-    def _on_map(self) -> OnMap:
-        scenario = np.full(len(self.tv), "", dtype=object)
-        return OnMap(self.tv, self.uv, self.tv_rate_hz, scenario, lambda _: self.lanes)
-
-    @cached_property
-    def _motion(self) -> LaneMotion:
-        return LaneMotion.of(self._on_map, RuleSettings().smooth_s)
-
-
-Answering = Callable[[LiveWindows], Answers]
+Answering = Callable[[OnMap], Answers]
 """Answers a batch of windows."""
 
 
 def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
     """Return the function by which a trained run answers, the same as on stored records.
 
-    with_lanes: whether those of `LiveWindows.situation` follow the features of a run that was trained on records.
+    with_lanes: whether those of `drive_and_situation` follow the features of a run that was trained on records.
     """
     of_streams = infer.run.is_of_streams
 
-    def answer(windows: LiveWindows) -> Answers:
-        inference = infer(windows.tv, windows.uv, windows.lanes)
+    def answer(windows: OnMap) -> Answers:
+        inference = infer.on_roads(windows)
         features = np.empty((len(windows.tv), 0)) if of_streams else inference.features
         if with_lanes and not of_streams:
-            features = np.concatenate([features, windows.situation], axis=1)
+            features = np.concatenate([features, drive_and_situation(windows)[1]], axis=1)
         parts = (inference.probabilities, inference.score, features)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 
@@ -108,7 +76,7 @@ class AlongAnswering:
 
     infer: Infer
 
-    def __call__(self, windows: LiveWindows) -> Answers:
+    def __call__(self, windows: OnMap) -> Answers:
         return run_answering(self.infer)(windows)
 
     def along(self, track: SensedStretch, cutter: WindowCutter, lanes: LaneMap) -> Answers:
@@ -134,13 +102,14 @@ def answering_of(infer: Infer, decision_s: float, with_lanes: bool = False) -> A
     return AlongAnswering(infer) if infer.steps_s == decision_s else run_answering(infer, with_lanes)
 
 
-def rule_answer(windows: LiveWindows) -> Answers:
+def rule_answer(windows: OnMap) -> Answers:
     """Answer as the rule of the road does; its score is that of the strongest intention.
 
-    Its features are those of `LiveWindows.situation`.
+    Its features are those of `drive_and_situation`.
     """
-    strength = logits(windows.drive, RuleSettings())
-    parts = (softmax(strength, axis=1), strength.max(axis=1), windows.situation)
+    drive, situation = drive_and_situation(windows)
+    strength = logits(drive, RuleSettings())
+    parts = (softmax(strength, axis=1), strength.max(axis=1), situation)
     return Answers(*(np.asarray(part, np.float32) for part in parts))
 
 

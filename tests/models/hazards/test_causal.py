@@ -73,8 +73,7 @@ def windows_at(ends_s: list[float], seconds: float = 2.2) -> Windows:
         for e in ends_s
     ]
     both = [np.stack(part) for part in zip(*cut, strict=True)]
-    nowhere = np.full(len(ends_s), "road", dtype=object)
-    on_map = OnMap(both[0], both[1], 400.0, nowhere, lambda _: LaneMap.of(LANES))
+    on_map = OnMap.in_one(both[0], both[1], 400.0, LaneMap.of(LANES))
     return replace(in_frame(both[0], both[1], WindowSettings(), 400.0, 100.0), on_map=on_map)
 
 

@@ -54,7 +54,7 @@ def window_on_bend(
     lines = [(RADIUS_M - side) * np.stack([np.sin(angle), -np.cos(angle)], axis=1) for side in (0, WIDTH_M)]
     shapes = [line + np.array([0, RADIUS_M]) for line in lines]
     lanes = LaneMap.of([Line(shape, id=f"road_{k}") for k, shape in enumerate(shapes)])
-    on_map = OnMap(tv[None], uv[None], TV_RATE_HZ, np.array(["bend"], dtype=object), lambda _: lanes)
+    on_map = OnMap.in_one(tv[None], uv[None], TV_RATE_HZ, lanes)
     return Windows(tv[None].astype(np.float32), uv[None].astype(np.float32), on_map)
 
 

@@ -14,7 +14,6 @@ from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import timing_of
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     Answers,
-    LiveWindows,
     WindowCutter,
     lanes_of,
     rule_answer,
@@ -32,7 +31,7 @@ from isac_cosim.labeling.streams.reports import Reports
 from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.labeling.streams.stretches import watched
 from isac_cosim.models.data.situation import FEATURES
-from isac_cosim.models.data.windows import Ends, Records, WindowSettings, cut
+from isac_cosim.models.data.windows import Ends, OnMap, Records, WindowSettings, cut
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.rule import RulePredictor, RuleSettings
 from isac_cosim.models.runs.run import Run
@@ -57,7 +56,7 @@ def answers(track: SensedStretch, sensing: StretchSensing, run: Run, delay_s: fl
     cutter = WindowCutter(Reports(sensing), sensing.study, run.card.shape, delay_s, 0.1)
     answer, lanes = run_answering(Infer.load(run.path)), lanes_of(sensing.recording)
     rate_hz = run.card.shape.tv_rate_hz
-    return Answers.joined([answer(LiveWindows(tv, uv, rate_hz, lanes)) for tv, uv in cutter.batches(track)])
+    return Answers.joined([answer(OnMap.in_one(tv, uv, rate_hz, lanes)) for tv, uv in cutter.batches(track)])
 
 
 @pytest.mark.parametrize("kind", ["trees_run", "network_run"])
@@ -93,7 +92,7 @@ def test_lanes_add_the_situation_to_the_features(
     shape = trees_run.card.shape
     tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
     infer, lanes = Infer.load(trees_run.path), lanes_of(sensing.recording)
-    live = LiveWindows(tv, uv, shape.tv_rate_hz, lanes)
+    live = OnMap.in_one(tv, uv, shape.tv_rate_hz, lanes)
     plain, more = (run_answering(infer, with_lanes)(live) for with_lanes in (False, True))
     np.testing.assert_array_equal(more.probabilities, plain.probabilities)
     width = plain.features.shape[1]
@@ -154,7 +153,7 @@ def test_the_rule_answers_as_on_a_dataset_with_roads(
     shape, windows = trees_run.card.shape, WindowSettings(window_s=1.2)
     tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
     lanes = lanes_of(sensing.recording)
-    answered = rule_answer(LiveWindows(tv, uv, shape.tv_rate_hz, lanes))
+    answered = rule_answer(OnMap.in_one(tv, uv, shape.tv_rate_hz, lanes))
     columns = ["sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db"]
     table = pd.DataFrame([("live-0", "road", 1, 0, 0.0, 0.0, 0.0, 0.0)] * len(tv), columns=columns)
     longer = [np.concatenate([x[..., :1], x], axis=2).astype(np.float32) for x in (tv, uv)]

@@ -7,7 +7,7 @@ import pytest
 
 from isac_cosim.evaluation.in_traffic.measurement.evaluation import study_of
 from isac_cosim.evaluation.in_traffic.streams.episode import Predictors, predicted, timing_of
-from isac_cosim.evaluation.in_traffic.streams.predictions import LiveWindows, lanes_of, run_answering
+from isac_cosim.evaluation.in_traffic.streams.predictions import lanes_of, run_answering
 from isac_cosim.evaluation.in_traffic.streams.store import RUN
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scene.tracks import SceneTracks
@@ -16,6 +16,7 @@ from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.streams.generate import streams_of
 from isac_cosim.labeling.streams.settings import StreamDatasetSettings, StretchSettings
+from isac_cosim.models.data.windows import OnMap
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run
 from tests.support.scene_tracks import altered, tracks_of
@@ -54,7 +55,7 @@ def test_answers_live_are_those_on_stored_streams(
     for stretch in stored:
         cut = [stretch.window(k, lengths, rates, watching.report_delay_s) for k in range(len(stretch.decision_s))]
         tv, uv = (np.stack(part) for part in zip(*cut, strict=True))
-        answers = answer(LiveWindows(tv, uv, rates[0], lanes_of(recording)))
+        answers = answer(OnMap.in_one(tv, uv, rates[0], lanes_of(recording)))
         rows = [at.pop((stretch.tv_id, round(time * 10))) for time in stretch.decision_s.tolist()]
         apart.append(np.abs(answers.probabilities - live.answers[RUN].probabilities[rows]).max(axis=1))
     assert not at

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,8 @@ from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.lane_motion import LaneMotion
 from isac_cosim.models.data.situation import FEATURES, LONGEST_S, situation
 from isac_cosim.models.data.windows import OnMap
+from isac_cosim.models.hazards.sight import drive_and_situation
+from isac_cosim.models.predictors.rule import RuleSettings
 
 RATE_HZ, UV_RATE_HZ, WINDOW_S, WIDTH_M = 400.0, 100.0, 2.2, 3.6
 
@@ -48,7 +50,7 @@ def seen(
         Line(np.array([[0.0, k * WIDTH_M], [1000.0, k * WIDTH_M]]) @ rotation.T, f"road_{k}") for k in range(lanes)
     ]
     lane_map = LaneMap.of(lines)
-    on_map = OnMap(tv, uv, RATE_HZ, np.array(["road"], dtype=object), lambda _: lane_map)
+    on_map = OnMap.in_one(tv, uv, RATE_HZ, lane_map)
     values = situation(on_map, LaneMotion.of(on_map, 0.5))
     assert values.shape == (1, len(FEATURES))
     return dict(zip(FEATURES, values[0].tolist(), strict=True))
@@ -65,6 +67,20 @@ def test_accelerations_are_those_along_the_lane_whatever_its_direction(accelerat
         assert features[name] == pytest.approx(acceleration, abs=0.05)
     assert features["speed"] == pytest.approx(20.0 - 0.05 * acceleration, abs=0.05)
     assert features["speed_first"] == pytest.approx(20.0 - (WINDOW_S - 0.05) * acceleration, abs=0.05)
+
+
+def test_what_is_kept_of_a_batch_is_not_taken_for_that_of_another() -> None:
+    """Predictors that do not see the UV ask for the same windows with the TV in its place."""
+    t = np.arange(round(WINDOW_S * UV_RATE_HZ)) / UV_RATE_HZ
+    tv = states(RATE_HZ, 20 * np.arange(round(WINDOW_S * RATE_HZ)) / RATE_HZ, np.zeros(round(WINDOW_S * RATE_HZ)), 0.0)
+    lanes = LaneMap.of([Line(np.array([[0.0, 0.0], [1000.0, 0.0]]), "road_0")])
+    near, far = (states(UV_RATE_HZ, gap + 20 * t, np.zeros(len(t)), 0.0) for gap in (20.0, 60.0))
+    windows = OnMap.in_one(tv, near, RATE_HZ, lanes)
+    for on_map in (windows, replace(windows, uv=far), windows):
+        drive, features = drive_and_situation(on_map)
+        motion = LaneMotion.of(on_map, RuleSettings().smooth_s)
+        np.testing.assert_array_equal(features[:, -len(FEATURES) :], situation(on_map, motion))
+        assert drive_and_situation(on_map)[0] is drive
 
 
 def test_the_way_aside_leads_to_the_marking() -> None:
