@@ -186,6 +186,8 @@ def evaluate_traffic(
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
     of_records = [name for name, compared in named.items() if not compared.is_of_streams]
+    if alone is not None and not alone.is_of_streams:
+        of_records.append("alone")
     installed = versions(OF_EPISODES)
     described = [described.identity for described in meta.scenarios]
     features = [with_lanes and not run.is_of_streams, *FEATURES, *of_records]

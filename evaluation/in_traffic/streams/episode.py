@@ -268,7 +268,7 @@ def predicted(
     alone = None
     if predictors.alone is not None:
         by_itself = _load(predictors.alone)
-        answering = {RUN: answering_of(by_itself, timing.decision_s)}
+        answering = {RUN: answering_of(by_itself, timing.decision_s, predictors.with_lanes, with_uv=False)}
         alone, _ = watching.predict(driving.alone, driving, by_itself.run.card.shape, answering, alone=True)
     return EpisodeAnswers(episode, alone, spent)
 

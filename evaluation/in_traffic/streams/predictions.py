@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -16,7 +16,7 @@ from isac_cosim.labeling.streams.reports import ReportWindows
 from isac_cosim.labeling.streams.sensed import SensedStretch
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.windows import OnMap
-from isac_cosim.models.hazards.sight import drive_and_situation
+from isac_cosim.models.hazards.sight import drive_and_situation, uv_for
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.protocol import WindowShape
 from isac_cosim.models.predictors.rule import RuleSettings, logits
@@ -52,18 +52,21 @@ Answering = Callable[[OnMap], Answers]
 """Answers a batch of windows."""
 
 
-def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
+def run_answering(infer: Infer, with_lanes: bool = False, with_uv: bool = True) -> Answering:
     """Return the function by which a trained run answers, the same as on stored records.
 
     with_lanes: whether those of `drive_and_situation` follow the features of a run that was trained on records.
+    with_uv: whether the TVs have a UV; where they have none, the TV takes its place in these features.
     """
-    of_streams = infer.run.is_of_streams
+    of_streams, shape = infer.run.is_of_streams, infer.run.card.shape
 
     def answer(windows: OnMap) -> Answers:
         inference = infer.on_roads(windows)
         features = np.empty((len(windows.tv), 0)) if of_streams else inference.features
         if with_lanes and not of_streams:
-            features = np.concatenate([features, drive_and_situation(windows)[1]], axis=1)
+            tv, uv = windows.tv, windows.uv
+            on_map = windows if with_uv else replace(windows, uv=uv_for(tv, uv.shape[2], shape))
+            features = np.concatenate([features, drive_and_situation(on_map)[1]], axis=1)
         parts = (inference.probabilities, inference.score, features)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 
@@ -97,9 +100,9 @@ class AlongAnswering:
         return Answers.joined(parts)
 
 
-def answering_of(infer: Infer, decision_s: float, with_lanes: bool = False) -> Answering:
-    """Return the function by which a run answers decisions at some interval, s; with_lanes: as in `run_answering`."""
-    return AlongAnswering(infer) if infer.steps_s == decision_s else run_answering(infer, with_lanes)
+def answering_of(infer: Infer, decision_s: float, with_lanes: bool = False, with_uv: bool = True) -> Answering:
+    """Return the function by which a run answers decisions at some interval, s; the rest as in `run_answering`."""
+    return AlongAnswering(infer) if infer.steps_s == decision_s else run_answering(infer, with_lanes, with_uv)
 
 
 def rule_answer(windows: OnMap) -> Answers:

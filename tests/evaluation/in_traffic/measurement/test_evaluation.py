@@ -28,6 +28,7 @@ from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import SeedRange
 from isac_cosim.models.data.windows import Records
+from isac_cosim.models.hazards.sight import N_SITUATION
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -160,6 +161,8 @@ def test_truth_and_driving_without_a_uv_are_measured_beside(
     assert (alone.model, alone.over_all.events) == ("tv-alone", 0)
     assert alone.share is not None
     assert alone.share == pytest.approx(result.coverage.uncovered["no_connected_leader"], abs=0.02)
+    of_alone = read_episode(sorted((tmp_path / "episodes").glob("*-alone.parquet"))[0], features=True)
+    assert of_alone.answers[RUN].features.shape[1] > N_SITUATION
     kept = [path.stat().st_mtime_ns for path in sorted((tmp_path / "episodes").iterdir())]
     evaluate_traffic(trees_run, both, tmp_path, InlineEngine(), source=source, alone=tv_alone)
     assert [path.stat().st_mtime_ns for path in sorted((tmp_path / "episodes").iterdir())] == kept

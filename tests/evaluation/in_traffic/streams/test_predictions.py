@@ -27,11 +27,12 @@ from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
-from isac_cosim.labeling.streams.reports import Reports
+from isac_cosim.labeling.streams.reports import NoReports, Reports
 from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.labeling.streams.stretches import watched
 from isac_cosim.models.data.situation import FEATURES
 from isac_cosim.models.data.windows import Ends, OnMap, Records, WindowSettings, cut
+from isac_cosim.models.hazards.sight import N_SITUATION
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.rule import RulePredictor, RuleSettings
 from isac_cosim.models.runs.run import Run
@@ -104,6 +105,30 @@ def test_lanes_add_the_situation_to_the_features(
     left, right = more.features[:, width + 3], more.features[:, width + 4]
     np.testing.assert_allclose(left + right, lanes.place(tv[:, :2, 0], tv[:, 2:4, 0]).width_m, rtol=1e-5)
     assert np.ptp(left) > 0
+
+
+def test_without_a_uv_the_situation_does_not_depend_on_where_the_road_lies(
+    tracks: list[SensedStretch], sensing: StretchSensing, trees_run: Run
+) -> None:
+    """What stands for the missing reports rests at the origin: its distance would say where on the map the TV is."""
+    shape = trees_run.card.shape
+    tv, uv = next(WindowCutter(NoReports(), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
+    assert not uv.any()
+    infer, lanes = Infer.load(trees_run.path), lanes_of(sensing.recording)
+    width = infer(tv, uv).features.shape[1]
+    elsewhere = uv + np.array([300.0, 40.0, 0.0, 0.0, 0.0, 0.0])[:, None]
+    apart, alike = (
+        [
+            run_answering(infer, with_lanes=True, with_uv=with_uv)(
+                OnMap.in_one(tv, reports, shape.tv_rate_hz, lanes)
+            ).features[:, width:]
+            for reports in (uv, elsewhere)
+        ]
+        for with_uv in (True, False)
+    )
+    assert np.abs(apart[0] - apart[1]).max() > 10.0
+    assert alike[0].shape[1] == N_SITUATION
+    np.testing.assert_array_equal(alike[0], alike[1])
 
 
 def test_the_batch_gives_what_ring_buffers_and_the_streaming_filter_give(
