@@ -29,6 +29,7 @@ import pytest
 
 import cosim
 from isac_cosim.isacsim.scenarios.scenario import bundled
+from tests.support.held_command import NOTHING_IGNORED
 from tests.support.made_up_videos import write_event
 from tests.support.waiting import HANGING_S, wait_until
 
@@ -44,7 +45,7 @@ STOPPED_S = float(os.environ.get("COSIM_STOPPED_S", "5"))
 """How long each command is stopped."""
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 SCRIPT = """
-import os, signal, sys, time
+import os, sys, time
 from pathlib import Path
 
 from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES
@@ -71,7 +72,6 @@ if "BACK_AFTER_S" in os.environ:
 if __name__ == "__main__":
     import cosim
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     sys.exit(cosim.main())
 """
 MAP = """<?xml version="1.0"?>
@@ -180,7 +180,7 @@ def start(folder: Path, words: str, environment: Mapping[str, str] = MappingProx
     """Start a command at the head of a process group of its own."""
     path = os.pathsep.join(map(str, (ROOT, *filter(None, [os.environ.get("PYTHONPATH")]))))
     return subprocess.Popen(
-        [sys.executable, "script.py", *words.split(), "--quiet"],
+        [*NOTHING_IGNORED, sys.executable, "script.py", *words.split(), "--quiet"],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(folder / "temporary"), **environment},
         stdout=subprocess.DEVNULL,

@@ -58,7 +58,9 @@ def test_a_signal_is_one_line_and_its_own_exit_code(
     number: int, turned_into: BaseException | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Also where a library makes an error of its own of it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    # A shell's background jobs ignore SIGINT, and what nohup starts SIGHUP.
+    usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+    before = signal.signal(number, usual)
 
     def command() -> None:
         try:
@@ -72,8 +74,8 @@ def test_a_signal_is_one_line_and_its_own_exit_code(
     try:
         assert exit_code(command) == 128 + number
     finally:
-        signal.signal(signal.SIGINT, before)
-    assert signal.getsignal(number) is not None
+        assert signal.getsignal(number) == usual
+        signal.signal(number, before)
     printed = capsys.readouterr().err
     assert printed == "cosim: interrupted; what was finished is kept, and the same command continues from there\n"
 

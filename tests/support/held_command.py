@@ -12,7 +12,7 @@ from tests.support.waiting import wait_until
 
 ROOT = Path(cosim.__file__).parent
 COMMAND = """
-import signal, sys, time
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -37,9 +37,10 @@ resense.write_shard = write_or_wait
 if __name__ == "__main__":
     import cosim
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     sys.exit(cosim.main())
 """
+NOTHING_IGNORED = ("env", "--default-signal=INT,HUP") if sys.platform.startswith("linux") else ()
+"""Before a command: what nohup starts, or a shell in the background, ignores signals that a terminal sends."""
 
 
 def make_folder(folder: Path) -> None:
@@ -53,7 +54,7 @@ def started(folder: Path, words: str, *before: str) -> subprocess.Popen[str]:
     """Start the command as a terminal does: at the head of a process group of its own. before: words before it."""
     path = os.pathsep.join(map(str, (ROOT, *filter(None, [os.environ.get("PYTHONPATH")]))))
     return subprocess.Popen(
-        [*before, sys.executable, "command.py", *words.split()],
+        [*NOTHING_IGNORED, *before, sys.executable, "command.py", *words.split()],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(folder / "temporary")},
         stdout=subprocess.PIPE,

@@ -30,7 +30,7 @@ def ended(process: subprocess.Popen[str], number: int, group: bool = True) -> li
     """Send a signal to the command, or to its whole group; return the lines of standard error. No process is left."""
     children = psutil.Process(process.pid).children(recursive=True)
     (os.killpg if group else os.kill)(process.pid, number)
-    out, err = process.communicate()
+    out, err = process.communicate(timeout=HANGING_S)
     assert out == ""
     assert process.returncode == 128 + number, err
     assert gone(children)
