@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter1d
 
+from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.models.data.lane_map import LaneMap
 
 
@@ -53,6 +55,32 @@ def test_in_a_bend_the_offset_is_the_difference_of_radii(
     # The polyline with a vertex every 3 degrees lies inside the arc by up to radius (1 - cos 1.5 degrees).
     assert in_lane.offset_m[0] == pytest.approx(offset, abs=radius * 3.5e-4 + 0.02)
     np.testing.assert_allclose(in_lane.heading[0], rotation @ heading, atol=0.005)
+
+
+def test_on_a_coarsely_drawn_road_a_vehicle_that_keeps_its_lane_does_not_seem_to_move_aside() -> None:
+    """It drives along segments of 80 m, and rounds the corners between them as recordings do, with a Gaussian."""
+    turns = np.radians([0.0, 4.0, 8.0, 5.0, 1.0, -2.0])
+    line = np.concatenate([np.zeros((1, 2)), np.cumsum(80 * np.stack([np.cos(turns), np.sin(turns)], axis=1), axis=0)])
+    along = np.arange(0, 480, 0.5)
+    driven = np.stack([np.interp(along, 80 * np.arange(7), line[:, k]) for k in (0, 1)], axis=1)
+    driven = gaussian_filter1d(driven, 5.0 / 0.5, axis=0, mode="nearest")
+    velocity = 25 * np.gradient(driven, 0.5, axis=0)
+    inner = slice(60, -60)
+    in_lane = LaneMap.of([Line(line, 3.2)]).place(driven[inner], velocity[inner])
+    aside = in_lane.heading[:, 0] * velocity[inner, 1] - in_lane.heading[:, 1] * velocity[inner, 0]
+    assert np.abs(aside).max() < 0.25
+    # The heading of a bend through the same vertices would be up to 2 degrees off.
+    evenly = LaneMap.of([Line(line, 3.2)], corner_m=np.inf).place(driven[inner], velocity[inner])
+    assert np.abs(evenly.heading[:, 0] * velocity[inner, 1] - evenly.heading[:, 1] * velocity[inner, 0]).max() > 0.5
+
+
+@pytest.mark.parametrize("name", ["motorway", "ramp_weave"])
+def test_the_roads_on_which_predictors_are_trained_are_drawn_finely(name: str) -> None:
+    """How corners of coarsely drawn roads are rounded then changes nothing there."""
+    lanes = load(name).lanes
+    rounded, evenly = LaneMap.of(lanes), LaneMap.of(lanes, corner_m=np.inf)
+    np.testing.assert_array_equal(rounded.heading, evenly.heading)
+    np.testing.assert_array_equal(rounded.bend, evenly.bend)
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
