@@ -78,16 +78,21 @@ class LaneMap:
         width = np.repeat([float(lane.width_m) for lane in lanes], [len(part[0]) for part in parts])
         return cls(cKDTree(points), heading, bend, width, keeps_left(lanes))
 
-    def place(self, position: Array, velocity: Array) -> InLane:
+    def place(self, position: Array, velocity: Array, standing_mps: float = 0.5) -> InLane:
         """Return the places of vehicles at positions (n, 2), m, with velocities (n, 2), m/s.
 
-        A vehicle is in the nearest lane that leads its way; if none is near, in the nearest lane of all.
+        A vehicle is in the nearest lane that leads within a quarter of 60 degrees of its way, else in the nearest
+        within 60 degrees, else in the nearest of all. So is one that stands: below standing_mps, a sensed velocity
+        points where its error does.
         """
         count = min(CANDIDATES, self.tree.n)
         near = np.asarray(self.tree.query(position, k=np.arange(1, count + 1))[1])
         speed = np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), 1e-9)
-        leads = np.einsum("nkc,nc->nk", self.heading[near], velocity) > SAME_WAY_COS * speed[:, None]
-        nearest = near[np.arange(len(near)), leads.argmax(axis=1)]
+        along = np.einsum("nkc,nc->nk", self.heading[near], velocity) / speed[:, None]
+        # On junctions, lanes that turn lie over those that go on.
+        fits = (along > SAME_WAY_COS).astype(np.int8) + (along > np.cos(np.arccos(SAME_WAY_COS) / 4))
+        fits[speed < standing_mps] = 0
+        nearest = near[np.arange(len(near)), fits.argmax(axis=1)]
         heading, bend, away = self.heading[nearest], self.bend[nearest], position - self.tree.data[nearest]
         past = np.einsum("nk,nk->n", heading, away)
         turned = np.stack([heading[:, 0] - bend * past * heading[:, 1], heading[:, 1] + bend * past * heading[:, 0]], 1)

@@ -42,6 +42,29 @@ def test_a_lane_of_the_other_direction_or_across_is_none_of_its() -> None:
 
 
 @settings(max_examples=40, deadline=None)
+@given(st.floats(0, 2 * np.pi), st.floats(0, 0.02))
+def test_a_vehicle_that_stands_is_in_its_lane_wherever_its_velocity_seems_to_point(
+    way: float, speed: float
+) -> None:
+    """With an oncoming lane beside it, and a crossing one near."""
+    shapes = [[0.0, 0], [100, 0]], [[100.0, 3.2], [0, 3.2]], [[54.0, -40], [54, 40]]
+    lanes = LaneMap.of([Line(np.array(shape), 3.2) for shape in shapes])
+    in_lane = lanes.place(np.array([[50.0, 0.4]]), speed * np.array([[np.cos(way), np.sin(way)]]))
+    assert in_lane.offset_m[0] == pytest.approx(0.4)
+    np.testing.assert_allclose(in_lane.heading, [[1, 0]])
+
+
+def test_on_a_junction_a_vehicle_that_goes_straight_on_is_not_in_the_lane_that_turns_off_over_its_own() -> None:
+    turns_off = arc(12.0, 90) + np.array([50.0, 0.0])
+    lanes = LaneMap.of([Line(np.array([[0.0, 0], [100, 0]]), 3.2), Line(turns_off, 3.2)])
+    # 6 m into the junction, the lane that turns off is 1.6 m aside, and 30 degrees off.
+    in_lane = lanes.place(np.array([[56.0, 1.2]] * 2), np.array([[12.0, 0.3], [10.4, 6.0]]))
+    np.testing.assert_allclose(in_lane.heading[0], [1, 0], atol=1e-9)
+    assert in_lane.offset_m[0] == pytest.approx(1.2)
+    assert in_lane.heading[1, 1] == pytest.approx(0.5, abs=0.05)
+
+
+@settings(max_examples=40, deadline=None)
 @given(st.floats(60, 400), st.floats(5, 85), st.floats(-1.6, 1.6), st.floats(-3, 3))
 def test_in_a_bend_the_offset_is_the_difference_of_radii(
     radius: float, degrees: float, offset: float, turned: float
