@@ -43,9 +43,7 @@ def test_a_lane_of_the_other_direction_or_across_is_none_of_its() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0, 2 * np.pi), st.floats(0, 0.02))
-def test_a_vehicle_that_stands_is_in_its_lane_wherever_its_velocity_seems_to_point(
-    way: float, speed: float
-) -> None:
+def test_a_vehicle_that_stands_is_in_its_lane_wherever_its_velocity_seems_to_point(way: float, speed: float) -> None:
     """With an oncoming lane beside it, and a crossing one near."""
     shapes = [[0.0, 0], [100, 0]], [[100.0, 3.2], [0, 3.2]], [[54.0, -40], [54, 40]]
     lanes = LaneMap.of([Line(np.array(shape), 3.2) for shape in shapes])
