@@ -111,7 +111,7 @@ def situation(on_map: OnMap, motion: LaneMotion) -> Array:
     columns += [speed, along.mean(window_s, INSTANT_S)]
     columns += [across.mean(age, INSTANT_S) for age in ASIDE_AGES_S]
     columns += [time * across.mean(0.0, time) for time in (*MOVED_S, window_s)]
-    columns += _lanes(on_map, motion, speed, aside)
+    columns += _lanes(on_map, motion, aside)
     columns += _to_uv(on_map, motion, speed, along.slope(0.0, ACROSS_S))
     return np.stack(columns, axis=1)
 
@@ -120,22 +120,22 @@ def _extremes(values: Array) -> list[Array]:
     return [values.min(axis=1), values.max(axis=1)]
 
 
-def _lanes(on_map: OnMap, motion: LaneMotion, speed: Array, aside: Array) -> list[Array]:
+def _lanes(on_map: OnMap, motion: LaneMotion, aside: Array) -> list[Array]:
     """Return the place in the lane, the times to its markings, and how far lanes are from where they could be.
 
     The latter is the distance from the nearest centre line of points beside the TV's lane and in it, some way ahead.
-    speed, aside: of the TV along and across its lane, m/s, (n,).
+    aside: speed of the TV across its lane, m/s, (n,).
     """
     heading = motion.heading[:, :, -1]
-    velocity = heading * speed[:, None]
-    place = places(on_map, motion.position, velocity)
+    # Along the lane, which a vehicle that stands has, too.
+    place = places(on_map, motion.position, heading)
     offset, width = place.offset_m, place.width_m
     left_m, right_m = (np.maximum(width / 2 - side * offset, 0.0) for side in (1, -1))
     columns = [offset, width, _time(left_m, aside), _time(right_m, -aside)]
     to_left = np.stack([-place.heading[:, 1], place.heading[:, 0]], axis=1)
     for side in (1, -1, 0):
         beside = motion.position + to_left * (side * width - offset)[:, None]
-        columns += [np.abs(places(on_map, beside + heading * ahead, velocity).offset_m) for ahead in AHEAD_M]
+        columns += [np.abs(places(on_map, beside + heading * ahead, heading).offset_m) for ahead in AHEAD_M]
     return columns
 
 

@@ -66,8 +66,9 @@ def steps_of(on_map: OnMap, samples: tuple[int, int], sees_lanes: bool) -> Float
         ]
         # All places at once: a look at the map takes long for few of them.
         of_all = replace(on_map, scenario=np.tile(on_map.scenario, len(asked) + 1))
-        velocity = np.concatenate([*[flat[:, 2:4]] * len(asked), other[:, 2:4]])
-        offsets = places(of_all, np.concatenate([*asked, other[:, :2]]), velocity, count).offset_m
+        # Lanes beside and ahead lead along the TV's, which it has even where it stands.
+        ways = np.concatenate([*[heading] * len(asked), other[:, 2:4]])
+        offsets = places(of_all, np.concatenate([*asked, other[:, :2]]), ways, count).offset_m
         *beside, of_uv = offsets.reshape(len(asked) + 1, -1)
         columns += [np.minimum(np.abs(away), LARGEST_M) for away in beside]
         uv_offset = np.clip(of_uv, -LARGEST_M, LARGEST_M)

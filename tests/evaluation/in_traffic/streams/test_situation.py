@@ -13,6 +13,7 @@ from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.lane_motion import LaneMotion
 from isac_cosim.models.data.situation import FEATURES, LONGEST_S, situation
 from isac_cosim.models.data.windows import OnMap
+from isac_cosim.models.hazards import blocks
 from isac_cosim.models.hazards.sight import drive_and_situation
 from isac_cosim.models.predictors.rule import RuleSettings
 
@@ -101,6 +102,22 @@ def test_lanes_beside_are_seen_where_they_are() -> None:
     assert features["right_0"] == pytest.approx(WIDTH_M, abs=0.01)
     assert features["own_50"] == pytest.approx(0.0, abs=0.01)
     assert seen(lanes=1)["left_0"] == pytest.approx(WIDTH_M, abs=0.01)
+
+
+@pytest.mark.parametrize("speed", [0.0, 8.0])
+def test_the_lane_beside_a_vehicle_is_none_that_comes_towards_it(speed: float) -> None:
+    """Neither where it drives nor where it stands, and the error of its velocity points backwards."""
+    t, t_uv = (np.arange(round(WINDOW_S * rate)) / rate for rate in (RATE_HZ, UV_RATE_HZ))
+    tv = states(RATE_HZ, 200 + speed * t, np.zeros(len(t)), 0.0)
+    tv[:, 2] -= 0.01
+    uv = states(UV_RATE_HZ, 240 + speed * t_uv, np.zeros(len(t_uv)), 0.0)
+    ways = [[0.0, 0.0], [1000.0, 0.0]], [[1000.0, WIDTH_M], [0.0, WIDTH_M]]
+    lanes = LaneMap.of([Line(np.array(way), f"road{k}_0") for k, way in enumerate(ways)])
+    on_map = OnMap.in_one(tv, uv, RATE_HZ, lanes)
+    of_trees = dict(zip(FEATURES, situation(on_map, LaneMotion.of(on_map, 0.5))[0].tolist(), strict=True))
+    of_network = dict(zip(blocks.FEATURES, blocks.steps_of(on_map, (40, 10), True)[0, -1].tolist(), strict=True))
+    for name, features in (("left_0", of_trees), ("left_lane", of_network)):
+        assert features[name] == pytest.approx(WIDTH_M, abs=0.02)
 
 
 def test_a_conflict_with_the_uv_is_the_deceleration_that_avoids_it() -> None:
