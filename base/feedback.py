@@ -68,6 +68,13 @@ class Foreword(Feedback):
             yield move
 
 
+def spoken_time(seconds: float) -> str:
+    """Return a duration in the unit that suits it: `40 s`, `12 min`, `3.5 h`."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
 def _ignore_move(done: float, total: float, note: str = "") -> None:
     """Move nothing."""
 

@@ -28,7 +28,7 @@ def engine_for(wanted: Request, jobs: int | None, cluster: str | None) -> Engine
 
 def show_cost(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:
     """Show what a reproduction still costs, stage by stage. Returns what `--json` prints."""
-    from isac_cosim.models.training.progress import spoken_time
+    from isac_cosim.base.feedback import spoken_time
     from isac_cosim.studies.reproduction.experiments.stages import cost_in_words
     from isac_cosim.studies.reproduction.reproduce import expected_cost
 

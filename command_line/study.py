@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from isac_cosim.base.feedback import spoken_time
 from isac_cosim.base.progress import ConsoleFeedback, print_line
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.command_line.output import show_dataset, show_metrics
 from isac_cosim.command_line.streams import show_streams
-from isac_cosim.models.training.progress import spoken_time
 from isac_cosim.studies.study import Study
 
 if TYPE_CHECKING:

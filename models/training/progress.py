@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import psutil
 
-from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.feedback import Feedback, spoken_time
 from isac_cosim.base.workers.engine import cpu_count
 
 SURE_S = 60.0
@@ -63,10 +63,3 @@ def slowdown_now(workers: int) -> float:
     except OSError:
         return 1.0
     return max(1.0, (min(workers, cores) + others) / cores)
-
-
-def spoken_time(seconds: float) -> str:
-    """Return a duration in the unit that suits it: `40 s`, `12 min`, `3.5 h`."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

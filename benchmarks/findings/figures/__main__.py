@@ -19,13 +19,13 @@ from pathlib import Path
 from rich.console import Console
 
 from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.feedback import spoken_time
 from isac_cosim.base.progress import ConsoleFeedback
 from isac_cosim.benchmarks.findings.figures import unfinished
 from isac_cosim.benchmarks.findings.figures.making import Maker
 from isac_cosim.benchmarks.findings.figures.pages import claims, withdrawn, write_page
 from isac_cosim.benchmarks.findings.figures.plan import ROOT, Plan, read_plan
 from isac_cosim.benchmarks.findings.figures.record import PRESENT, status
-from isac_cosim.models.training.progress import spoken_time
 
 
 def listed(plan: Plan, root: Path) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 from threading import Lock
 
 from isac_cosim.base.errors import InputError, RunError
-from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.feedback import SILENT, Feedback, spoken_time
 from isac_cosim.base.files import digests_of
 from isac_cosim.base.settings import read_json
 from isac_cosim.benchmarks.findings.figures import unfinished
@@ -31,7 +31,6 @@ from isac_cosim.benchmarks.findings.figures.record import (
     with_results,
     write,
 )
-from isac_cosim.models.training.progress import spoken_time
 
 MADE = "made"
 FINISHED = (PRESENT, MADE)

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.feedback import Feedback, spoken_time
 from isac_cosim.base.files import claim, file_digest, json_text, replace_file, write_json
 from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.versions import OF_RUNS, versions
-from isac_cosim.models.training.progress import Steps, spoken_time
+from isac_cosim.models.training.progress import Steps
 from isac_cosim.studies.reproduction.experiments.stage_results import StageResult
 
 MARK = "reproduction.json"

@@ -64,8 +64,8 @@ def test_generate_shows_progress_and_one_line(folder: Path, number: int, group: 
     assert len(list((folder / "temporary").glob("cosim-*"))) == 1
     lines = ended(process, number, group)
     assert lines[-1] == KEPT
-    # Beside the progress bar, in which there is no other line, and the episode that was finished.
-    others = [line for line in lines[:-1] if not line.startswith("generating ")]
+    # Beside the lines of progress, the episode that was finished.
+    others = [line for line in lines[:-1] if not line.startswith("generating: ")]
     assert [line.split(",")[0] for line in others] == ["road-1: 2 samples"]
     assert [path.name for path in (folder / "data/shards").iterdir()] == ["road-1.parquet"]
     assert list((folder / "temporary").glob("cosim-*")) == []
@@ -79,7 +79,7 @@ def test_sense_shows_progress_and_one_line(folder: Path) -> None:
     wait_until_held(process, folder)
     lines = ended(process, signal.SIGTERM)
     assert lines[-1] == KEPT
-    assert [line for line in lines[:-1] if not line.startswith("sensing ")] == []
+    assert [line for line in lines[:-1] if not line.startswith("sensing: ")] == []
     assert [path.name for path in (folder / "data/shards").iterdir()] == ["road-1.parquet"]
 
 
