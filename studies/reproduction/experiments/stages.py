@@ -20,8 +20,10 @@ from isac_cosim.base.feedback import Feedback, spoken_time
 from isac_cosim.base.files import claim, file_digest, json_text, replace_file, write_json
 from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.models.runs.run import read_card
 from isac_cosim.models.training.progress import Steps
 from isac_cosim.studies.reproduction.experiments.stage_results import StageResult
+from isac_cosim.studies.sweep import finished
 
 MARK = "reproduction.json"
 STAGES = "stages"
@@ -107,17 +109,26 @@ def fastest(stages: Sequence[Stage], cores: int) -> Capacity:
 
 
 def in_full(stages: Sequence[Stage], folder: Path) -> list[Stage]:
-    """Return the stages with costs that include what each makes: what neither lies there nor is made by one before."""
+    """Return the stages with costs that include what each makes: what neither lies there nor is made by one before.
+
+    A dataset or a training that was interrupted counts in full.
+    """
     made: set[Path] = set()
     counted = []
     for stage in stages:
-        finished = _file(folder, stage.name).is_file()
-        missing = (
-            {} if finished else {path: s for path, s in stage.makes.items() if path not in made and not path.exists()}
-        )
+        needed = {} if _file(folder, stage.name).is_file() else stage.makes
+        missing = {path: s for path, s in needed.items() if path not in made and not _is_made(path)}
         made |= missing.keys()
         counted.append(replace(stage, cost_s=stage.cost_s + sum(missing.values()), makes={}))
     return counted
+
+
+def _is_made(path: Path) -> bool:
+    """Return whether a file, a complete dataset or a complete run lies at a path."""
+    if path.is_file() or finished(path):
+        return True
+    card = read_card(path)
+    return card is not None and card.complete
 
 
 def cost_of(stages: Sequence[Stage], folder: Path, capacity: Capacity) -> Cost:

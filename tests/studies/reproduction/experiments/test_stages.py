@@ -13,6 +13,8 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT
+from isac_cosim.labeling.dataset.dataset import write_meta
+from isac_cosim.models.runs.run import Run, write_card
 from isac_cosim.studies.reproduction.experiments.stage_results import StageResult
 from isac_cosim.studies.reproduction.experiments.stages import (
     MARK,
@@ -27,6 +29,7 @@ from isac_cosim.studies.reproduction.experiments.stages import (
 )
 from tests.support.forged import resealed
 from tests.support.recorded_feedback import RecordedFeedback
+from tests.support.small_dataset import make
 
 ALONE = Capacity(1, 1)
 IDENTITY = identity_of("asi-bip", "tiny", {"seed": 1})
@@ -96,11 +99,23 @@ def test_what_stages_share_is_counted_once_and_again_where_it_was_lost(tmp_path:
     second = replace(stage("b", []), makes={data: 100.0})
     assert cost_of([first, second], out, ALONE).stages == {"a": 190.0, "b": 60.0}
     assert cost_of([second], out, ALONE).stages == {"b": 160.0}
-    data.mkdir(parents=True)
+    make(data, (3,))
     assert cost_of([first, second], out, ALONE).stages == {"a": 90.0, "b": 60.0}
     shutil.rmtree(out)
     run_stages(IDENTITY, [first], out, ALONE, SILENT)
     assert cost_of([first, second], out, ALONE).stages == {"b": 160.0}
+
+
+def test_what_was_interrupted_is_counted(trees_run: Run, tmp_path: Path) -> None:
+    out, data, run, scores = (tmp_path / name for name in ("out", "data", "run", "scores.json"))
+    shutil.copytree(trees_run.path, run)
+    write_meta(data, make(data, (3,)).meta.model_copy(update={"complete": False}))
+    needs = replace(stage("a", []), makes={data: 100.0, run: 30.0, scores: 7.0})
+    assert cost_of([needs], out, ALONE).cpu_s == 60.0 + 100.0 + 7.0
+    write_card(run, trees_run.card.model_copy(update={"complete": False}))
+    assert cost_of([needs], out, ALONE).cpu_s == 60.0 + 100.0 + 30.0 + 7.0
+    scores.write_text("{}")
+    assert cost_of([needs], out, ALONE).cpu_s == 60.0 + 100.0 + 30.0
 
 
 @pytest.mark.parametrize(
