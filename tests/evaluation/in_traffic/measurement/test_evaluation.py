@@ -12,13 +12,8 @@ import pytest
 
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.workers.engine import LocalEngine
-from isac_cosim.evaluation.in_traffic.measurement import evaluation as of_traffic
 from isac_cosim.evaluation.in_traffic.measurement import measuring
-from isac_cosim.evaluation.in_traffic.measurement.evaluation import (
-    evaluate_traffic,
-    study_of,
-    warnings,
-)
+from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of, warnings
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy, Method
@@ -168,15 +163,6 @@ def test_truth_and_driving_without_a_uv_are_measured_beside(
     assert [path.stat().st_mtime_ns for path in sorted((tmp_path / "episodes").iterdir())] == kept
 
 
-def test_a_predictor_that_looks_at_the_uv_is_refused_without_one(
-    records: Records, trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
-) -> None:
-    settings = SMALL_RUN.model_copy(update={"model": "uv-alone"})
-    uv_alone = train_records(records, MADE_OF, tmp_path / "run", settings)
-    with pytest.raises(InputError, match="uv-alone looks at the UV's reports"):
-        evaluate_traffic(trees_run, study, tmp_path / "out", InlineEngine(), source=source, alone=uv_alone)
-
-
 def test_an_episode_on_disk_is_the_episode(evaluation: TrafficEvaluation, folder: Path) -> None:
     episode = read_episode(folder / "episodes" / "road-11.parquet")
     truth = evaluation.truths[0].episode
@@ -255,14 +241,6 @@ def test_the_scenario_may_be_one_that_the_run_was_not_trained_on(evaluation: Tra
     trained = {group.rpartition("-")[0] for groups in result.made_by.run.split.values() for group in groups}
     assert result.scenario not in trained
     assert result.vehicle_hours > 0
-
-
-def test_a_run_of_other_windows_cannot_be_compared(
-    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
-) -> None:
-    slow = replace(trees_run, card=trees_run.card.model_copy(update={"tv_rate_hz": 200.0}))
-    with pytest.raises(InputError, match="takes windows of other rates or another length"):
-        evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), against=[slow], source=source)
 
 
 @pytest.mark.parametrize("kinds", [("reject", "background"), ("background",)])
@@ -349,50 +327,6 @@ def test_more_seeds_and_another_choice_of_alarms_keep_the_episodes(
     assert (tmp_path / "once/metrics.json").read_bytes() == (tmp_path / "later/metrics.json").read_bytes()
 
 
-def test_seeds_of_the_training_are_refused(
-    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
-) -> None:
-    split = {**trees_run.card.split, "train": ["road-21"]}
-    run = replace(trees_run, card=trees_run.card.model_copy(update={"split": split}))
-    with pytest.raises(InputError, match="was trained on seed 21 of road"):
-        evaluate_traffic(run, study, tmp_path, InlineEngine(), source=source)
-
-
-def test_alarms_are_never_chosen_on_measured_seeds(trees_run: Run) -> None:
-    with pytest.raises(InputError, match="overlap"):
-        study_of(trees_run.card, "road", (1, 4), (4, 6))
-
-
-def test_a_run_of_other_rates_says_what_does_not_fit(
-    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
-) -> None:
-    streams = study.live.streams.model_copy(update={"decision_s": 0.015})
-    odd = study.model_copy(update={"live": study.live.model_copy(update={"streams": streams})})
-    with pytest.raises(InputError, match="is not a whole number of samples at the run's 100 Hz"):
-        evaluate_traffic(trees_run, odd, tmp_path, InlineEngine(), source=source)
-
-
-@pytest.mark.parametrize(
-    ("uv_rate_hz", "decision_s", "report_delay_s"), [(100.0, 0.1, 0.02), (10.0, 0.1, 0.1), (25.0, 0.12, 0.04)]
-)
-def test_predictions_wait_for_whole_samples_of_the_run(
-    trees_run: Run, uv_rate_hz: float, decision_s: float, report_delay_s: float
-) -> None:
-    card = trees_run.card.model_copy(update={"uv_rate_hz": uv_rate_hz})
-    streams = study_of(card, "road").live.streams
-    assert (streams.decision_s, streams.report_delay_s) == (decision_s, report_delay_s)
-
-
-@pytest.mark.slow
-def test_an_evaluation_does_not_go_on_with_other_versions(
-    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source)
-    monkeypatch.setattr(of_traffic, "versions", lambda names: dict.fromkeys(names, "99"))
-    with pytest.raises(InputError, match=r"was begun with other versions of .*libsumo.*; choose a new folder"):
-        evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source)
-
-
 @pytest.mark.slow
 def test_a_run_alone_and_a_run_compared_are_different_evaluations(
     trees_run: Run, tv_alone: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
@@ -400,12 +334,3 @@ def test_a_run_alone_and_a_run_compared_are_different_evaluations(
     evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source, alone=tv_alone)
     with pytest.raises(InputError, match="holds an evaluation of another run"):
         evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source, against=[tv_alone])
-
-
-def test_the_evaluation_goes_by_the_dataset_of_the_run(trees_run: Run) -> None:
-    study = study_of(trees_run.card, "ramp_weave", duration_s=30.0)
-    assert study.dataset.sensing.channel.kind == "link"
-    assert (study.dataset.traffic.duration_s, study.dataset.scenarios) == (30.0, ("ramp_weave",))
-    slow = trees_run.card.model_copy(update={"tv_rate_hz": 200.0, "dataset": {"study": {"pairs": {"range_m": 50.0}}}})
-    assert study_of(slow, "motorway").dataset.record.tv_rate_hz == 200.0
-    assert study_of(slow, "motorway").dataset.pairs.range_m == 50.0
