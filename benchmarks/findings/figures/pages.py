@@ -1,6 +1,7 @@
 """The pages of the documents: the tables in them that a command prints, and what they claim of them.
 
-<!-- table STAGE: NAME -->        before a table, and its heading of the third level if it is printed with one
+<!-- table STAGE: NAME -->        before a table, and its heading of the third level if it is printed with one; between
+                                 them stands the command that makes it
 <!-- figures: present STAGE -->   the figures of that stage are of the present settings, as a test checks
 <!-- figures: earlier STAGE -->   they are of earlier ones
 """
@@ -15,7 +16,9 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 
 TABLE = re.compile(
-    r"^<!-- table (?P<stage>[\w-]+): (?P<name>.+) -->\n(?P<text>(?:### .*\n\n)?(?:\|.*\n)*)", re.MULTILINE
+    r"^<!-- table (?P<stage>[\w-]+): (?P<name>.+) -->\n"
+    r"(?P<heading>### .*\n\n)?(?:`make figures STAGE=[\w-]+`\n\n)?(?P<rows>(?:\|.*\n)*)",
+    re.MULTILINE,
 )
 CLAIM = re.compile(r"^<!-- figures: (?P<which>present|earlier) (?P<stage>[\w-]+) -->$", re.MULTILINE)
 
@@ -37,7 +40,7 @@ def printed_tables(text: str) -> dict[str, str]:
 
 
 def rewritten(page: str, stage: str, tables: Mapping[str, str]) -> str:
-    """Return the text of a page with the tables of a stage in place.
+    """Return the text of a page with the tables of a stage in place, each under the command that makes it.
 
     tables: by name, as `printed_tables` returns them. Raises InputError where the page names one that is not there.
     """
@@ -47,7 +50,9 @@ def rewritten(page: str, stage: str, tables: Mapping[str, str]) -> str:
             return found[0]
         if found["name"] not in tables:
             raise InputError(f"{stage}: prints no table {found['name']!r}; correct the page, or the stage's tables")
-        return f"<!-- table {stage}: {found['name']} -->\n{tables[found['name']]}"
+        *heading, rows = tables[found["name"]].split("\n\n")
+        above = "".join(f"{line}\n\n" for line in (*heading, f"`make figures STAGE={stage}`"))
+        return f"<!-- table {stage}: {found['name']} -->\n{above}{rows}"
 
     return TABLE.sub(table, page)
 
@@ -85,5 +90,5 @@ def claims(page: str) -> dict[str, bool]:
 
 
 def tables_of(page: str) -> dict[tuple[str, str], str]:
-    """Return the text of every table of a page that a command prints, by stage and name."""
-    return {(found["stage"], found["name"]): found["text"] for found in TABLE.finditer(page)}
+    """Return every table of a page that a command prints, by stage and name, as it is printed."""
+    return {(found["stage"], found["name"]): (found["heading"] or "") + found["rows"] for found in TABLE.finditer(page)}

@@ -85,7 +85,10 @@ def test_the_pages_of_a_stage_say_of_which_settings_its_figures_are(name: str) -
 
 @pytest.mark.parametrize("page", TEXTS)
 def test_the_tables_of_a_page_are_of_stages_that_print_them(page: str) -> None:
-    for stage, name in tables_of(TEXTS[page]):
+    tables = tables_of(TEXTS[page])
+    for stage, name in tables:
+        of_stage = {each: table for (of, each), table in tables.items() if of == stage}
+        assert rewritten(TEXTS[page], stage, of_stage) == TEXTS[page], "a table is not under its command"
         assert stage in STAGES, name
         assert page in STAGES[stage].pages, name
         assert STAGES[stage].tables, name
@@ -137,7 +140,7 @@ def test_the_documents_are_kept_short() -> None:
 
 
 def test_a_printed_table_does_not_count_as_written_by_hand() -> None:
-    table = "<!-- table a: Leads -->\n### Leads: 3 windows\n\n| n |\n| --- |\n| 3 |\n"
+    table = "<!-- table a: Leads -->\n### Leads: 3 windows\n\n`make figures STAGE=a`\n\n| n |\n| --- |\n| 3 |\n"
     assert lines_by_hand(f"# Page\n\n{table}\n| own |\n| --- |\n") == 5
 
 
@@ -157,7 +160,8 @@ def test_the_commands_of_the_plan_name_programs_of_the_project() -> None:
 def test_a_table_keeps_its_neighbours_and_loses_its_old_heading() -> None:
     page = "<!-- table a: Leads -->\n### Leads: 3 windows\n\n| n |\n| --- |\n| 3 |\n\n<!-- table b: Leads -->\n| x |\n"
     after = rewritten(page, "a", printed_tables("### Leads: 4 windows\n\n| n |\n| --- |\n| 4 |\n"))
-    assert after == page.replace("3", "4")
+    assert after == page.replace("3", "4").replace("\n\n", "\n\n`make figures STAGE=a`\n\n", 1)
+    assert rewritten(after, "a", {"Leads": tables_of(after)["a", "Leads"]}) == after
     with pytest.raises(InputError, match="prints no table 'Leads'"):
         rewritten(page, "b", {})
 
