@@ -5,8 +5,9 @@
     python -m isac_cosim.studies.benchmark --freeze [OUT]
 
 The first generates the test set in OUT, trains the predictor, scores it, and writes OUT/NAME/row.json. Parts go on
-where it stopped. FILE is a study whose `[training]` counts. The second prints the table of the rows in a folder. The
-third freezes the test set as it is now: the settings' digests, and that of the samples that OUT holds.
+where it stopped. FILE is a study whose `[training]` counts; its name is then part of NAME and stands in the row. The
+second prints the table of the rows in a folder. The third freezes the test set as it is now: the settings' digests, and
+that of the samples that OUT holds.
 
     OUT/training/, OUT/test/   the samples, the same for every predictor
     OUT/NAME/run/              the trained predictor, with NAME/hours.json
@@ -20,6 +21,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from pydantic import Field
 from rich.console import Console
@@ -111,7 +113,8 @@ class LiveScore(Settings):
 class BenchmarkRow(Settings):
     """The score of a predictor. f1_by_lead: macro-F1 by lead time, s. live: by the rate that alarms were chosen for.
 
-    as_frozen: whether the samples are those that were frozen to the last bit; None where that is not known.
+    training: its settings; None in rows of before 1.0. as_frozen: whether the samples are those that were frozen to the
+    last bit; None where that is not known.
     """
 
     predictor: str
@@ -123,6 +126,7 @@ class BenchmarkRow(Settings):
     windows: int
     f1_by_lead: dict[str, float | None]
     live: dict[str, LiveScore] | None
+    training: dict[str, Any] | None = None
 
 
 def read_test_set(path: Path = STUDY) -> BenchmarkStudy:
@@ -166,22 +170,24 @@ def score(
     engine: Engine,
     live: bool = True,
     feedback: Feedback = SILENT,
+    study: str = "",
 ) -> BenchmarkRow:
     """Train a predictor on the test set's samples, score it, and write and return its row.
 
-    live: whether it is measured in running traffic as well, which takes hours. Raises InputError where the settings are
-    not those that were frozen, or `out` holds something else.
+    live: whether it is measured in running traffic as well, which takes hours. study: name of the study that `training`
+    is of, for the folder and the row; empty for the default. Raises InputError where the settings are not those that
+    were frozen, or `out` holds something else.
     """
     check(test_set, frozen)
     training = training.model_copy(update={"split": test_set.split})
-    folder = out / f"{training.model}-{training.seed}"
+    folder = out / "-".join(filter(None, (training.model, study, str(training.seed))))
     with kept_running(engine) as workers:
         taught = generate(test_set.dataset, out / "training", workers, feedback)
         tested = generate(test_set.tested, out / "test", workers, feedback)
         run, hours = _trained(taught, training, folder, feedback)
         before_commit = evaluate(run, tested, folder / "test", test_set.evaluation).result.before_commit
         row = BenchmarkRow(
-            predictor=PREDICTORS[training.model].display_name,
+            predictor=", ".join(filter(None, (PREDICTORS[training.model].display_name, study))),
             test_set=test_set.name,
             digests=frozen.digests,
             versions=versions(OF_EPISODES),
@@ -192,6 +198,7 @@ def score(
             if before_commit is None
             else {f"{scores.lead_s:g}": scores.macro_f1 for scores in before_commit.by_lead},
             live=_live(run, test_set, folder / "live", workers, feedback) if live else None,
+            training=training.model_dump(mode="json"),
         )
     write_json(folder / ROW, row.model_dump(mode="json"))
     return row
@@ -284,7 +291,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             feedback = ConsoleFeedback(Console(stderr=True))
             engine = LocalEngine(given.jobs)
             frozen = read_frozen()
-            row = score(read_test_set(), frozen, training, given.out, engine, not given.no_live, feedback)
+            study = "" if given.study is None else given.study.stem
+            row = score(read_test_set(), frozen, training, given.out, engine, not given.no_live, feedback, study)
             print(table([row], frozen))
     except InputError as error:
         print(error, file=sys.stderr)

@@ -130,6 +130,23 @@ def test_a_module_that_a_checkout_gets_meanwhile_is_no_setting(
 
 
 @pytest.mark.slow
+def test_a_training_of_a_study_has_its_own_row(
+    out: Path, frozen: Frozen, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(benchmark, "read_test_set", lambda: TINY)
+    monkeypatch.setattr(benchmark, "read_frozen", lambda: frozen)
+    before = (out / "trees-0" / "row.json").read_bytes()
+    study = tmp_path / "early.toml"
+    study.write_text("[training.windows]\nend_after_s = [0.0, 2.2]\n[training.trees]\nrounds = 3\n")
+    assert benchmark.main([str(out), "--model", "trees", "--study", str(study), "--no-live"]) == 0
+    assert "| boosted trees, early |" in capsys.readouterr().out
+    row = BenchmarkRow.model_validate_json((out / "trees-early-0" / "row.json").read_text())
+    assert row.training is not None
+    assert row.training["windows"]["end_after_s"] == [0.0, 2.2]
+    assert (out / "trees-0" / "row.json").read_bytes() == before
+
+
+@pytest.mark.slow
 def test_a_table_has_a_row_a_predictor_and_none_of_another_test_set(out: Path, frozen: Frozen) -> None:
     row = row_of(out)
     live = {rate: {"recall": 0.5, "false_alarms_per_vehicle_hour": 1.25} for rate in ("1", "3", "10")}
