@@ -43,6 +43,8 @@ PAGE = """# A page
 <!-- table scores: Scores -->
 ### Scores: 3 samples
 
+`make figures STAGE=scores`
+
 | n |
 | --- |
 | 3 |
