@@ -113,8 +113,8 @@ class LiveScore(Settings):
 class BenchmarkRow(Settings):
     """The score of a predictor. f1_by_lead: macro-F1 by lead time, s. live: by the rate that alarms were chosen for.
 
-    training: its settings; None in rows of before 1.0. as_frozen: whether the samples are those that were frozen to the
-    last bit; None where that is not known.
+    training: its settings; None in rows that were written without. as_frozen: whether the samples are those that were
+    frozen to the last bit; None where that is not known.
     """
 
     predictor: str

@@ -74,7 +74,9 @@ class Maker:
                         name = running.pop(future)
                         done[name] = future.result()
                         order.done(name)
-                        self.feedback.message(f"{name}: {done[name]}")
+                        record = record_file(name, stages[name], self.root).relative_to(self.root)
+                        anew = f"; delete {record} to make it anew" if done[name] == PRESENT else ""
+                        self.feedback.message(f"{name}: {done[name]}{anew}")
         return done
 
     def _missing(self, plan: Plan, names: list[str]) -> dict[str, FigureStage]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -48,6 +49,20 @@ def test_present_stages_are_skipped_and_a_lost_result_is_made_again(root: Path) 
     (root / "docs/tiny/scores.json").unlink()
     assert state(root) == "not made: docs/tiny/scores.json is missing"
     assert run(root, "scores") == 0
+    assert (runs(root), state(root)) == (1, PRESENT)
+
+
+def test_a_present_stage_says_how_to_make_it_anew(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In a fresh checkout, for a reader who follows the command above a table."""
+    run(root)
+    shutil.rmtree(root / "results")
+    capsys.readouterr()
+    assert run(root, "scores") == 0
+    (record,) = re.findall(r"scores: present; delete (\S+) to make it anew", " ".join(capsys.readouterr().err.split()))
+    assert not (root / "results/figures/scores").exists()
+    (root / record).unlink()
+    assert run(root, "scores") == 0
+    assert (root / "results/figures/scores").exists()
     assert (runs(root), state(root)) == (1, PRESENT)
 
 
