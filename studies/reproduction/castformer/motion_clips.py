@@ -33,17 +33,18 @@ def write_clips(datasets: list[Dataset], folder: Path) -> dict[str, list[str]]:
     """Write a clip for each record that holds the 5 s before its commit; return their names by scenario seed.
 
     A frame of `in` holds the TV's states of 100 ms, one of `out` the UV's, relative to the TV's first position; the
-    TV's speed is appended to both. Clips of earlier calls are replaced.
+    TV's speed is appended to both. Samples of two datasets may share an identifier, so a clip's name begins with the
+    number of its dataset. Clips of earlier calls are replaced.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for file in folder.glob("*.npz"):
         file.unlink()
     settings = WindowSettings(window_s=CLIP_S, relative_to="commit", end_after_s=(0.0, 0.0), frame="absolute")
     by_group: dict[str, list[str]] = {}
-    for dataset in datasets:
+    for number, dataset in enumerate(datasets):
         records = Records.of(dataset)
         ends = draw_ends(records, settings, "clips")
-        names = records.table["sample_id"].astype(str).to_numpy()
+        names = [f"{number}-{identifier}" for identifier in records.table["sample_id"]]
         for start in range(0, len(ends), BATCH):
             part = ends[start : start + BATCH]
             windows = cut(records, part, settings)
