@@ -171,15 +171,19 @@ def test_tables_of_a_part_say_only_what_is_measured(
     asi_bip: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Beside those of an earlier run that was finished; what says no more than they do is not said twice."""
-    script, whole = DOCS / "reproduction_tables.py", DOCS / "reproduction" / "asi-bip"
-    monkeypatch.setattr("sys.argv", [str(script), str(whole), str(asi_bip)])
-    runpy.run_path(str(script), run_name="__main__")
-    printed = printed_tables(capsys.readouterr().out)
+
+    def printed_of(*folders: Path) -> dict[str, str]:
+        script = str(DOCS / "reproduction_tables.py")
+        monkeypatch.setattr("sys.argv", [script, *map(str, folders)])
+        runpy.run_path(script, run_name="__main__")
+        return printed_tables(capsys.readouterr().out)
+
+    printed = printed_of(DOCS / "reproduction" / "asi-bip", asi_bip)
     assert {"Table I", "Table I in the present preset", "Fig. 4 in the present preset"} <= printed.keys()
     assert "Fig. 4" not in printed
     assert "Samples" in printed
     assert "Where each figure and table is in the present preset" not in printed
-    assert "| undecided | - |" in printed["What the paper claims"]
+    assert "| undecided | - |" in printed_of(asi_bip)["What the paper claims"]
     assert "| undecided | - |" not in printed["What the paper claims in the present preset"]
 
 
