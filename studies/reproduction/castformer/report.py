@@ -56,7 +56,8 @@ def castformer_parts(out: Path) -> tuple[list[Part], list[Claim]]:
     repeats = [
         measured_of(out, file.stem) for file in sorted((out / "stages").glob(f"{variants.repeat_stage('*')}.json"))
     ]
-    measured["ablation"] = with_repeats(measured["ablation"], repeats)
+    for stage in ("horizon", "ablation"):
+        measured[stage] = with_repeats(measured[stage], repeats)
     background = next((rows[0].background for rows in measured.values() if rows), None)
     claims = castformer_claims(
         {
@@ -161,10 +162,11 @@ def _table(out: Path, stage: str, measured: Sequence[MeasuredVariant]) -> Part:
     drawings.lines(curves, list(HORIZONS_S), out / FIGURES / figure, labels, reference)
     text = (
         "F1 of macro precision and macro recall, Eq. (13), over all folds together, every missed maneuver counted as "
-        "MP. 95 % intervals are over the folds, "
-        "each with a training of its own. The paper's numbers are of Brain4Cars, so compare the order of the networks, "
-        "not single numbers."
+        "MP. 95 % intervals are over the folds, each with trainings of its own. The paper's numbers are of Brain4Cars, "
+        "so compare the order of the networks, not single numbers."
     )
+    if not any(row.repeats for row in measured):
+        text += " Each network was trained once on each fold."
     return Part(stage, STAGES[stage], text, rows, [(figure, f"{STAGES[stage]}. Dotted: the paper.")])
 
 
