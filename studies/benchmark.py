@@ -147,10 +147,9 @@ def check(test_set: BenchmarkStudy, frozen: Frozen) -> None:
     now = test_set.digests()
     changed = [part for part in PARTS if now[part] != frozen.digests.get(part)]
     if test_set.name != frozen.name or changed:
-        version = frozen.versions.get("isac-cosim", "of its time")
         raise InputError(
             f"test set {frozen.name}: {', '.join(changed) or 'its name'} changed since it was frozen, so that scores "
-            f"cannot be compared; use version {version}, or freeze another one (--freeze)"
+            "cannot be compared; use a version from before that, or freeze another one (--freeze)"
         )
 
 
