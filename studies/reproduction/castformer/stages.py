@@ -58,7 +58,8 @@ KINEMATIC, DRIVING, MOTORWAY, CLIPS = "kinematic", "driving", "motorway", "clips
 SMALL_BATCH = 1.8
 """Processor time of a training step in batches of 16, relative to that of `Predictor.cost_s`, for batches of 32."""
 OVERHEAD_S = 4.0
-"""Processor time of a training beyond its steps: reading the records, and the predictions that are measured, s."""
+"""Processor time of a training beyond its steps, for every thousand samples: reading records, and predictions that are
+measured, s."""
 VALIDATION_SHARE = 1 / 8
 """Share of the scenario seeds outside the tested fold on which the best epoch is chosen."""
 
@@ -342,7 +343,7 @@ class CastformerReproduction:
         outside = (1 - 1 / self.size.folds) * samples
         work = Workload(outside, 0.0, samples / self.size.folds * len(HORIZONS_S), 1.0)
         training = self.training(variants.COMPLETE)
-        return SMALL_BATCH * PREDICTORS[PAPER].cost_s(work, training) + OVERHEAD_S
+        return SMALL_BATCH * PREDICTORS[PAPER].cost_s(work, training) + OVERHEAD_S * samples / 1e3
 
     def training_s(self, row: Variant, source: str) -> float:
         """Return the expected processor time of one training on one fold, s."""
@@ -357,7 +358,7 @@ class CastformerReproduction:
         factor = SMALL_BATCH if row.model == PAPER else 1.0
         if row.model == "asi-bip" and "asi_bip" in self.size.training:
             factor = PATCH_FACTOR
-        return factor * PREDICTORS[row.model].cost_s(work, training) + OVERHEAD_S
+        return factor * PREDICTORS[row.model].cost_s(work, training) + OVERHEAD_S * n / 1e3
 
 
 def _check_installed(rows: Sequence[Variant]) -> None:
