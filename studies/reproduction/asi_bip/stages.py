@@ -56,7 +56,7 @@ LITERAL_FACTOR = 8.0
 """Processor time of a training step with 1,101 tokens, relative to one with pooled tokens (one thread, batch 32)."""
 PATCH_FACTOR = 0.4
 """Processor time of a training step with patches of 10 and 5 samples, relative to one without."""
-BESIDE_STEPS_CPU_S = 5.0
+BESIDE_STEPS_CPU_S = 2.5
 """Processor time of a training beyond its steps: its records, what tells windows before onset, what is measured, s."""
 FAST: Mapping[str, tuple[dict[str, Any], float]] = {
     "bfloat16": ({"lstm_bfloat16": True}, 0.7),
