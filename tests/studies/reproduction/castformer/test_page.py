@@ -28,7 +28,7 @@ WINDOWS = 100 * len(KNOWN)
 """Windows of a training, over its folds."""
 
 
-def write_stage(out: Path, stage: str, rows: list[Variant], right: int) -> None:
+def write_stage(out: Path, stage: str, rows: list[Variant], right: int, background: int | None = None) -> None:
     """Write what a stage measured: in each of two folds, `right` of 50 windows of every intention are right."""
     counts = np.full((len(KNOWN), len(KNOWN)), (50 - right) // (len(KNOWN) - 1))
     np.fill_diagonal(counts, right)
@@ -39,7 +39,7 @@ def write_stage(out: Path, stage: str, rows: list[Variant], right: int) -> None:
     ]
     variants = [VariantScores(name=row.name, title=row.title, folds=folds) for row in rows]
     (out / "stages").mkdir(exist_ok=True)
-    result = VariantsResult(stage=stage, source="kinematic", variants=variants)
+    result = VariantsResult(stage=stage, source="kinematic", variants=variants, background=background)
     write_json(out / "stages" / f"{stage}.json", result.model_dump(mode="json") | {"schema_version": 1})
 
 
@@ -72,3 +72,13 @@ def test_the_complete_network_has_all_its_trainings_in_every_table_of_it_alone(t
     assert "trained once" in part(parts, "orders").text
     assert "trained once" not in part(parts, "ablation").text
     assert {claim.verdict for claim in claims if claim.claim.startswith("At 0 s, the order")} == {"undecided"}
+
+
+def test_samples_are_counted_once_however_often_the_network_was_trained(tmp_path: Path) -> None:
+    """As with clips, of which one class is plain driving."""
+    background = len(KNOWN) - 1
+    for stage, rows in (("horizon", horizon()), ("repeat-1", main_comparison())):
+        write_stage(tmp_path, stage, rows, 40, background)
+    parts, _ = castformer_parts(tmp_path)
+    at_0_s = part(parts, "precision_recall").rows[0]
+    assert (at_0_s["maneuvers"], at_0_s["background"]) == (WINDOWS - 100, 100)
